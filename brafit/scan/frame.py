@@ -1,0 +1,118 @@
+"""The cup frame: where a cup lies, whatever the scanner's axes were and whichever breast it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from brafit.errors import InputError
+
+END_TOLERANCE = 5.0
+"""How far (mm) a line's end may lie from the point where it should end."""
+
+
+@dataclass(frozen=True, eq=False)
+class CupFrame:
+    """An isometry between a scan's frame and the cup frame.
+
+    Cup frame: origin at the wire's inner end; y towards its outer end; z out of the chest; the wire's bottom at +x. For
+    a left breast that is right-handed (x = y cross z); a right one is mirrored, so that it looks like a left one.
+
+    Attributes:
+        origin: the cup frame's origin in the scan's frame.
+        axes: rows are the cup's x, y and z axis in the scan's frame; orthonormal, determinant +1, or -1 if mirrored.
+    """
+
+    origin: Float[np.ndarray, "3"]
+    axes: Float[np.ndarray, "3 3"]
+
+    @property
+    def mirrored(self) -> bool:
+        """True for a right breast."""
+        return bool(np.linalg.det(self.axes) < 0)
+
+    def to_cup(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+        """Points of the scan's frame in the cup frame."""
+        return (points - self.origin) @ self.axes.T
+
+    def to_scan(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+        """The inverse of `to_cup`."""
+        return points @ self.axes + self.origin
+
+
+def frame_from_wire(
+    wire: Float[np.ndarray, "k 3"], side: str, front: Float[np.ndarray, "3"], file: str | Path
+) -> CupFrame:
+    """The cup frame of a wire that runs from its inner to its outer end.
+
+    Args:
+        wire: the wire line in the scan's frame.
+        side: the wearer's `left` or `right` breast.
+        front: a point in front of the wire's plane: the apex, or the middle of the cloud.
+        file: named in errors.
+
+    Raises:
+        InputError: the wire is no bow, or it runs the wrong way round for `side`.
+    """
+    even = evenly_spaced(wire, 200)
+    y = _bow_chord(even, file)
+    normal = np.linalg.svd(even - even.mean(axis=0), full_matrices=False)[2][2]
+    z = normal - (normal @ y) * y
+    z /= np.linalg.norm(z)
+    if (front - wire[0]) @ z < 0:
+        z = -z
+    x = np.cross(y, z) * (1.0 if side == "left" else -1.0)
+    frame = CupFrame(wire[0].copy(), np.stack([x, y, z]))
+    if frame.to_cup(even)[:, 0].mean() <= 0:
+        other = "right" if side == "left" else "left"
+        raise InputError(
+            file,
+            f"side: for a {side} breast the wire runs the wrong way round, its bottom would be above its ends",
+            f'The side is probably wrong: write "{other}", or list the wire from its inner to its outer end',
+        )
+    return frame
+
+
+def evenly_spaced(line: Float[np.ndarray, "k 3"], count: int) -> Float[np.ndarray, "m 3"]:
+    """Points at equal arc length along a polyline, so that it does not matter how densely each part was marked."""
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.linspace(0.0, arc[-1], count)
+    return np.stack([np.interp(at, arc, line[:, i]) for i in range(3)], axis=1)
+
+
+def from_inner_end(
+    wire: Float[np.ndarray, "k 3"], inner_end: Float[np.ndarray, "3"] | None, file: str | Path
+) -> Float[np.ndarray, "k 3"]:
+    """The wire with its inner end first: as it is, or reversed if only that puts the end at `inner_end`.
+
+    Raises:
+        InputError: neither end is at `inner_end`.
+    """
+    if inner_end is None:
+        return wire
+    first, last = (float(np.linalg.norm(end - inner_end)) for end in (wire[0], wire[-1]))
+    if min(first, last) > END_TOLERANCE:
+        cause = f"landmarks.inner_end: {min(first, last):.1f} mm from the nearer end of the wire"
+        raise InputError(file, cause, f"Both mark the same point: bring them within {END_TOLERANCE:g} mm")
+    return wire if first <= last else wire[::-1].copy()
+
+
+def _bow_chord(wire: np.ndarray, file: str | Path) -> np.ndarray:
+    """Unit vector between the ends of a wire that is a bow: neither closed nor straight."""
+    chord = wire[-1] - wire[0]
+    span = float(np.linalg.norm(chord))
+    length = float(np.linalg.norm(np.diff(wire, axis=0), axis=1).sum())
+    if span < 0.2 * length:
+        cause = f"wire: its ends are only {span:.1f} mm apart on {length:.0f} mm of length"
+        raise InputError(file, cause, "Trace it from the inner to the outer end only, not round the breast")
+    y = chord / span
+    offset = wire - wire[0]
+    height = float(np.linalg.norm(offset - np.outer(offset @ y, y), axis=1).max())
+    if height < 0.1 * span:
+        cause = f"wire: nearly straight, {height:.1f} mm high on {span:.0f} mm of span"
+        raise InputError(file, cause, "Trace the bow in the crease under the breast")
+    return y
