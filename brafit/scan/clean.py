@@ -92,15 +92,18 @@ def thin(points: Float[np.ndarray, "n 3"], count: int | None) -> tuple[Float[np.
     if count is None or len(points) <= count:
         return points, 0.0
     voxel, averaged = _voxel_for(points, count)
-    return uncrowd(averaged, count), voxel
+    return averaged[uncrowd(averaged, count)], voxel
 
 
-def uncrowd(points: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
-    """Take points out one by one until `count` are left: of the closest pair, the one with the nearer third point."""
-    if len(points) <= count:
-        return points
-    distances, near = (array[:, 1:] for array in KDTree(points).query(points, k=min(17, len(points))))
+def uncrowd(points: Float[np.ndarray, "n 3"], count: int) -> Bool[np.ndarray, " n"]:
+    """Mask of `count` evenly spread points of a cloud.
+
+    Points are taken out one by one: of the closest pair, the one with the nearer third point.
+    """
     alive = np.ones(len(points), dtype=bool)
+    if len(points) <= count:
+        return alive
+    distances, near = (np.asarray(found)[:, 1:] for found in KDTree(points).query(points, k=min(17, len(points))))
     nearest, closest = near[:, 0].copy(), distances[:, 0].copy()
     for _ in range(len(points) - count):
         first = int(np.argmin(closest))
@@ -112,7 +115,7 @@ def uncrowd(points: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "
             left = np.flatnonzero(alive[near[k]])
             # All 16 neighbours gone: so lonely by now that it stays.
             nearest[k], closest[k] = (near[k, left[0]], distances[k, left[0]]) if len(left) else (-1, np.inf)
-    return points[alive]
+    return alive
 
 
 def _voxel_for(points: np.ndarray, count: int) -> tuple[float, np.ndarray]:
