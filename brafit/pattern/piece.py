@@ -1,0 +1,180 @@
+"""Pattern pieces: closed outlines of named edges, in millimetres.
+
+Pieces are seen from the outside of the cup, that is with the right side of the cloth up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from brafit.geometry.development import FlatPanel
+
+Kind = Literal["wire", "ridge", "upper"]
+"""What an edge is sewn to: the wire casing, the neighbouring panel, or nothing (the free upper edge)."""
+
+Side = Literal["left", "right"]
+"""The wearer's side."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One side of a piece, a polyline in outline order. The two edges that are sewn together bear the same name."""
+
+    name: str
+    kind: Kind
+    points: Float[ndarray, "n 2"]
+
+    @property
+    def length(self) -> float:
+        """Length of the polyline in mm."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+    def at(self, fraction: float) -> Float[ndarray, "2"]:
+        """The point after `fraction` of the length, 0 at the first sample and 1 at the last."""
+        along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))]
+        return np.array([np.interp(fraction * along[-1], along, self.points[:, i]) for i in range(2)])
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A piece of cloth: its edges follow each other and close the outline. x runs right, y up, both in mm.
+
+    The pieces of a cup have two edges: the lower one from the inner wire end to the outer, and the upper one back.
+    """
+
+    name: str
+    edges: tuple[Edge, ...]
+
+    @property
+    def outline(self) -> Float[ndarray, "n 2"]:
+        """The closed outline; the first point is not repeated, nor is any point where two edges meet."""
+        points = np.concatenate([edge.points for edge in self.edges])
+        away = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1) > 1e-9
+        return points[away]
+
+    @property
+    def bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
+        """Lower left and upper right corner."""
+        outline = self.outline
+        return outline.min(0), outline.max(0)
+
+    @property
+    def area(self) -> float:
+        """Area within the outline in mm^2, positive whichever way the outline runs."""
+        x, y = self.outline.T
+        return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
+
+    @property
+    def middle(self) -> Float[ndarray, "2"]:
+        """A point well inside a cup's piece, for its name: half way between the middles of its first two edges."""
+        return (self.edges[0].at(0.5) + self.edges[1].at(0.5)) / 2
+
+    def map(self, function: Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]]) -> Piece:
+        """The piece with `function` applied to the points of every edge."""
+        return replace(self, edges=tuple(replace(edge, points=function(edge.points)) for edge in self.edges))
+
+    def mirrored(self) -> Piece:
+        """The same piece for the other breast."""
+        return self.map(lambda points: points * (-1.0, 1.0))
+
+    def crossings(self) -> Float[ndarray, "k 2"]:
+        """Where the outline crosses or touches itself. Cloth cannot be cut along an outline that has any."""
+        return _self_crossings(self.outline)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Pieces in place on a sheet of the given size in mm, its origin in the lower left corner."""
+
+    pieces: tuple[Piece, ...]
+    width: float
+    height: float
+
+
+def pieces_from_panels(panels: Sequence[FlatPanel], side: Side = "left") -> list[Piece]:
+    """The pieces of one cup, from the wire up.
+
+    Args:
+        panels: developed panels of one cup in mm, from the wire up, without batch dimensions; all cups are developed as
+            left ones.
+        side: the breast they are for. Pieces for the right one are mirrored, so that they cut right.
+
+    Returns:
+        Pieces with their two ends level, the wire downwards, the inner end on the left for a left cup.
+
+    Raises:
+        ValueError: no panels, or an unknown side.
+    """
+    if not panels:
+        raise ValueError("a cup has at least one panel")
+    if side not in ("left", "right"):
+        raise ValueError(f"side must be left or right, not {side!r}")
+    names, seams = _piece_names(len(panels)), _seam_names(len(panels))
+    ridges: list[Kind] = ["ridge"] * (len(panels) - 1)
+    kinds: list[Kind] = ["wire", *ridges, "upper"]
+    pieces = []
+    for i, panel in enumerate(panels):
+        lower, upper = (curve.detach().cpu().double().numpy() for curve in (panel.lower, panel.upper))
+        edges = Edge(seams[i], kinds[i], lower), Edge(seams[i + 1], kinds[i + 1], upper[::-1])
+        piece = _levelled(Piece(names[i], edges))
+        pieces.append(piece.mirrored() if side == "right" else piece)
+    return pieces
+
+
+def layout(pieces: Sequence[Piece], gap: float = 12.0) -> Sheet:
+    """Set pieces on a sheet, one above the other as they are worn, `gap` mm apart; no two overlap."""
+    width = max(float(np.subtract(*piece.bounds[::-1])[0]) for piece in pieces)
+    placed, height = [], 0.0
+    for piece in pieces:
+        low, high = piece.bounds
+        shift = np.array([(width - (high - low)[0]) / 2, height]) - low
+        placed.append(piece.map(lambda points, shift=shift: points + shift))
+        height += float((high - low)[1]) + gap
+    return Sheet(tuple(placed), width, height - gap)
+
+
+def _piece_names(count: int) -> list[str]:
+    named = {1: ["panel"], 2: ["lower panel", "upper panel"], 3: ["lower panel", "middle panel", "upper panel"]}
+    return named.get(count, [f"panel {i + 1}" for i in range(count)])
+
+
+def _seam_names(count: int) -> list[str]:
+    ridges = ["ridge"] if count == 2 else [f"ridge {i + 1}" for i in range(count - 1)]
+    return ["wire", *ridges, "upper edge"]
+
+
+def _levelled(piece: Piece) -> Piece:
+    """Turned so that the chord of the first edge lies along +x."""
+    start, end = piece.edges[0].points[[0, -1]]
+    c, s = (end - start) / max(float(np.linalg.norm(end - start)), 1e-12)
+    return piece.map(lambda points: (points - start) @ np.array([[c, -s], [s, c]]))
+
+
+def _self_crossings(outline: Float[ndarray, "n 2"]) -> Float[ndarray, "k 2"]:
+    """Crossings of a closed polygon's segments, those that share a corner apart.
+
+    A corner that lies exactly on a segment counts as lying to its left, so that a crossing through a corner is found.
+    """
+    a, b = outline, np.roll(outline, -1, axis=0)
+    n = len(outline)
+
+    def left(p: ndarray) -> ndarray:
+        """(n, n): whether point p_j is not to the right of segment i."""
+        d, e = (b - a)[:, None], p[None] - a[:, None]
+        return d[..., 0] * e[..., 1] - d[..., 1] * e[..., 0] >= 0
+
+    splits = left(a) != left(b)
+    i, j = np.nonzero(np.triu(splits & splits.T, 2))
+    apart = (j - i) % n != n - 1
+    i, j = i[apart], j[apart]
+    d, e = b[i] - a[i], b[j] - a[j]
+    across = d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0]
+    offset = a[j] - a[i]
+    parameter = (offset[:, 0] * e[:, 1] - offset[:, 1] * e[:, 0]) / np.where(across == 0, 1.0, across)
+    return a[i] + np.clip(parameter, 0, 1)[:, None] * d

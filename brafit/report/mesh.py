@@ -1,0 +1,155 @@
+"""The cup as a triangle mesh, and cup and points as PLY files.
+
+The PLY writer is our own: a header and one structured NumPy array per element is all that the format needs, and the
+ready-made package for it (plyfile) is under the GPL, which does not go with this package's licence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+
+from brafit.atomic import write_bytes
+from brafit.cup.shape import CupShape
+from brafit.report.colour import PANELS, distance_colours, distance_limit
+
+Place = Callable[[Float[ndarray, "n 3"]], Float[ndarray, "n 3"]]
+"""An isometry from the cup frame to the frame that is written, such as the scan's; it may mirror (right cups)."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles whose corners run counter-clockwise seen from outside the cup.
+
+    Attributes:
+        vertices: positions in mm.
+        normals: unit outward surface normals. Vertices on a ridge are there once for each of its two panels.
+        panel: the panel that each vertex belongs to, 0 at the wire.
+        faces: indices of vertices.
+    """
+
+    vertices: Float[ndarray, "v 3"]
+    normals: Float[ndarray, "v 3"]
+    panel: Int[ndarray, " v"]
+    faces: Int[ndarray, "f 3"]
+
+
+def cup_mesh(shape: CupShape, strips: int = 8, place: Place | None = None) -> Mesh:
+    """Triangulate a cup of one fit (no batch dimension).
+
+    Args:
+        shape: the cup; lengths in mm.
+        strips: rows of triangles across each panel, from edge to edge.
+        place: where the mesh is to lie; None is the cup frame. A map that mirrors keeps the faces' outward side.
+    """
+    edges, normals = (tensor.detach().cpu().double().numpy() for tensor in (shape.edges, shape.normals))
+    vertices, directions, faces, count = [], [], [], 0
+    for lower, upper, normal in zip(edges[:-1], edges[1:], normals, strict=True):
+        panel_vertices, panel_normals = _panel_vertices(lower, upper, normal, strips)
+        vertices.append(panel_vertices)
+        directions.append(panel_normals)
+        faces.append(_panel_faces(len(lower), strips) + count)
+        count += len(panel_vertices)
+    panel = np.repeat(np.arange(len(vertices)), [len(v) for v in vertices])
+    mesh = Mesh(np.concatenate(vertices), np.concatenate(directions), panel, np.concatenate(faces))
+    return mesh if place is None else _placed(mesh, place)
+
+
+def write_cup_ply(path: str | Path, shape: CupShape, place: Place | None = None, strips: int = 8) -> None:
+    """Write a cup's panels as one mesh, binary PLY; arguments as for `cup_mesh`.
+
+    Vertex properties: x y z nx ny nz (double), red green blue (uchar), panel (int, 0 at the wire).
+    """
+    mesh = cup_mesh(shape, strips, place)
+    fields = [*_columns("x y z", "<f8", mesh.vertices), *_columns("nx ny nz", "<f8", mesh.normals)]
+    fields += _columns("red green blue", "u1", PANELS[mesh.panel % len(PANELS)])
+    fields += _columns("panel", "<i4", mesh.panel[:, None])
+    write_bytes(path, _ply(_structured(fields), mesh.faces, "bra cup, panels from the wire up, mm"))
+
+
+def write_points_ply(
+    path: str | Path, points: Float[ndarray, "n 3"], distances: Float[ndarray, " n"], limit: float | None = None
+) -> None:
+    """Write the scan's points with their signed distances from the cup, binary PLY.
+
+    Vertex properties: x y z (double), distance (float, mm, positive outside the cup), red green blue (uchar).
+
+    Args:
+        points: mm, in the frame that is to be written.
+        distances: mm.
+        limit: end of the colour scale in mm; None: a round number that 98 % of the points stay within.
+    """
+    points, distances = np.asarray(points, float), np.asarray(distances, float)
+    if len(points) != len(distances):
+        raise ValueError(f"{len(points)} points but {len(distances)} distances")
+    limit = distance_limit(distances) if limit is None else limit
+    fields = [*_columns("x y z", "<f8", points), *_columns("distance", "<f4", distances[:, None])]
+    fields += _columns("red green blue", "u1", distance_colours(distances, limit))
+    comment = f"distance from the cup in mm, colours from -{limit:g} (blue) to {limit:g} (red)"
+    write_bytes(path, _ply(_structured(fields), None, comment))
+
+
+def is_mirror(place: Place) -> bool:
+    """Whether an isometry turns left hands into right ones."""
+    corners = place(np.vstack((np.zeros(3), np.eye(3))))
+    return bool(np.linalg.det(corners[1:] - corners[0]) < 0)
+
+
+def _panel_vertices(
+    lower: ndarray, upper: ndarray, normal: ndarray, strips: int
+) -> tuple[Float[ndarray, "v 3"], Float[ndarray, "v 3"]]:
+    """First tip, the inner stations' rulings (strips + 1 points each), last tip; a ruling has one normal."""
+    share = np.linspace(0, 1, strips + 1)[None, :, None]
+    rulings = (1 - share) * lower[1:-1, None] + share * upper[1:-1, None]
+    tips = (lower + upper)[[0, -1]] / 2  # the two meet there, up to what the fit left open
+    normals = np.repeat(normal[1:-1], strips + 1, axis=0)
+    return np.vstack((tips[:1], rulings.reshape(-1, 3), tips[1:])), np.vstack((normal[:1], normals, normal[-1:]))
+
+
+def _panel_faces(stations: int, strips: int) -> Int[ndarray, "f 3"]:
+    columns, rows = stations - 2, strips + 1
+    last = columns * rows + 1
+    k, i = (index.ravel() for index in np.meshgrid(np.arange(columns - 1), np.arange(strips), indexing="ij"))
+    a = 1 + k * rows + i
+    b, c, d = a + rows, a + rows + 1, a + 1  # along the edge, then across the panel
+    i = np.arange(strips)
+    first_fan = np.stack((np.zeros_like(i), 1 + i, 2 + i), -1)
+    last_fan = np.stack((last - rows + i, np.full_like(i, last), last - rows + i + 1), -1)
+    return np.vstack((first_fan, np.stack((a, b, c), -1), np.stack((a, c, d), -1), last_fan))
+
+
+def _placed(mesh: Mesh, place: Place) -> Mesh:
+    vertices = place(mesh.vertices)
+    normals = place(mesh.vertices + mesh.normals) - vertices
+    faces = mesh.faces[:, ::-1] if is_mirror(place) else mesh.faces
+    return Mesh(vertices, normals, mesh.panel, faces)
+
+
+def _columns(names: str, kind: str, values: ndarray) -> Iterable[tuple[str, str, ndarray]]:
+    return ((name, kind, values[:, i]) for i, name in enumerate(names.split()))
+
+
+def _structured(fields: Iterable[tuple[str, str, ndarray]]) -> ndarray:
+    fields = list(fields)
+    array = np.empty(len(fields[0][2]), dtype=[(name, kind) for name, kind, _ in fields])
+    for name, _, values in fields:
+        array[name] = values
+    return array
+
+
+def _ply(vertices: ndarray, faces: ndarray | None, comment: str) -> bytes:
+    types = {"<f8": "double", "<f4": "float", "<i4": "int", "|u1": "uchar"}
+    header = ["ply", "format binary_little_endian 1.0", f"comment brafit: {comment}", f"element vertex {len(vertices)}"]
+    header += [f"property {types[entry[1]]} {entry[0]}" for entry in vertices.dtype.descr]
+    body = vertices.tobytes()
+    if faces is not None:
+        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+        rows = np.empty(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+        rows["count"], rows["corners"] = 3, faces
+        body += rows.tobytes()
+    return "\n".join([*header, "end_header", ""]).encode("ascii") + body

@@ -1,0 +1,106 @@
+"""The numbers of a run: fit.json of one scan, summary.csv of all, and a short table for the terminal.
+
+A row maps the keys below to values; missing, None and not finite all mean that there is no such number.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from brafit.atomic import write_text
+
+SUMMARY_KEYS: tuple[str, ...] = (
+    "scan", "status", "reason", "side", "cup", "panels", "terms", "solver", "points",
+    "rms_mm", "mean_mm", "p95_mm", "max_mm", "upper_edge_mm",
+    "wire_length_mm", "wire_smoothing_mm", "wire_drift_mm",
+    "twist_deg_max", "regularity_min", "isometry_mm", "seam_mismatch_mm", "iterations", "seconds",
+)  # fmt: skip
+"""Keys of fit.json and columns of summary.csv, in this order."""
+
+# Column of the terminal's table: key, heading, format.
+_SHORT = (
+    ("scan", "scan", "s"), ("status", "status", "s"), ("points", "points", "d"),
+    ("rms_mm", "rms", ".2f"), ("mean_mm", "mean", ".2f"), ("p95_mm", "p95", ".2f"), ("max_mm", "max", ".2f"),
+    ("upper_edge_mm", "upper edge", ".2f"), ("twist_deg_max", "twist", ".2f"), ("isometry_mm", "isometry", ".3f"),
+    ("seam_mismatch_mm", "seam", ".3f"), ("seconds", "seconds", ".1f"),
+)  # fmt: skip
+
+
+def write_fit_json(path: str | Path, row: Mapping[str, Any], extra: Mapping[str, Any] | None = None) -> None:
+    """Write one scan's row, all keys present and in order, with full digits; `null` where there is no number.
+
+    Args:
+        extra: further entries, nested as they like, after the row's.
+
+    Raises:
+        KeyError: a key of `row` is not a column, or `extra` repeats one.
+    """
+    extra = dict(extra or {})
+    if repeated := set(extra) & set(SUMMARY_KEYS):
+        raise KeyError(f"extra repeats {', '.join(sorted(repeated))}")
+    content = {**_complete(row), **extra}
+    write_text(path, json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def write_summary(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write all rows as CSV: UTF-8, six significant digits, empty cells where there is no number, a reason in one line.
+
+    Raises:
+        KeyError: a key of a row is not a column.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(SUMMARY_KEYS)
+    for row in rows:
+        writer.writerow([_cell(value) for value in _complete(row).values()])
+    write_text(path, text.getvalue())
+
+
+def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The main columns, aligned, in mm and degrees; the reasons of failed scans stand below."""
+    plain = [_plain(_complete(row)) for row in rows]
+    cells = [[heading for _, heading, _ in _SHORT]]
+    cells += [["" if row[key] is None else format(row[key], style) for key, _, style in _SHORT] for row in plain]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    align = [str.ljust if style == "s" else str.rjust for _, _, style in _SHORT]
+    lines = ["  ".join(map(lambda put, cell, w: put(cell, w), align, row, widths)).rstrip() for row in cells]
+    reasons = [f"{row['scan']}: {row['reason']}" for row in plain if row["status"] == "failed" and row["reason"]]
+    return "\n".join(lines + reasons)
+
+
+def _complete(row: Mapping[str, Any]) -> dict[str, Any]:
+    if unknown := set(row) - set(SUMMARY_KEYS):
+        raise KeyError(f"not a column of the summary: {', '.join(sorted(unknown))}")
+    complete = {key: row.get(key) for key in SUMMARY_KEYS}
+    if complete["reason"] is not None:
+        complete["reason"] = " ".join(str(complete["reason"]).split())
+    return complete
+
+
+def _plain(value: Any) -> Any:
+    """Values as JSON has them: tensors and arrays as lists, enums as their names, numbers that are not finite as None."""
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, (bool, int)) else str(value)
+
+
+def _cell(value: Any) -> str:
+    value = _plain(value)
+    if value is None:
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
