@@ -1,0 +1,227 @@
+"""The settings: their types and limits, and the one line that says what is wrong with them."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from importlib import resources
+from typing import Any
+
+import torch
+from hydra import compose, initialize_config_module
+from hydra.core.config_store import ConfigStore
+from hydra.errors import OverrideParseException
+from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
+
+from brafit.errors import ConfigError
+from brafit.geometry.ritz import BASES
+
+
+def limited(least: float, most: float | None = None) -> Any:
+    """A dataclass field whose value conf/ gives, and that must lie in [least, most]."""
+    return field(default=MISSING, metadata={"least": least, "most": most})
+
+
+def one_of(*choices: str) -> Any:
+    """A dataclass field whose value conf/ gives, and that must be one of these words."""
+    return field(default=MISSING, metadata={"choices": choices})
+
+
+@dataclass
+class FramesConfig:
+    """cup=frames"""
+
+    _target_: str = MISSING
+    _partial_: bool = True
+    panels: int = limited(1, 8)
+    terms: int = limited(1, 40)
+    stations: int = limited(9, 2001)
+    basis: str = one_of(*BASES)
+
+
+@dataclass
+class StageConfig:
+    """One of solver.stages"""
+
+    optimiser: str = one_of("adam", "lbfgs")
+    steps: int = limited(0)
+    penalty: float = limited(0)
+    rate: float = 0.03
+    scaled: bool = True
+
+
+@dataclass
+class AnnealConfig:
+    """solver=anneal"""
+
+    _target_: str = MISSING
+    _convert_: str = MISSING
+    tolerance: float = limited(0)
+    stages: list[StageConfig] = field(default_factory=list)
+
+
+@dataclass
+class ConditionConfig:
+    """condition=default"""
+
+    _target_: str = MISSING
+    points: str = one_of("l2", "l1", "robust")
+    points_width: float = limited(0)
+    neckline: float = limited(0)
+    connection: float = limited(0)
+    connection_width: float = limited(0)
+    ridge_apex: float = limited(0)
+    ridge_apex_width: float = limited(0)
+    margin: float = MISSING
+    barrier: float = limited(0)
+    smoothness: float = limited(0)
+
+
+@dataclass
+class ScanConfig:
+    """scan=default"""
+
+    points: int | None = limited(10)
+    outliers: float | None = field(default=MISSING)
+    neighbours: int = limited(2, 1000)
+
+
+@dataclass
+class Config:
+    """All settings of a run. The groups cup, solver and condition hold whatever their `_target_` takes."""
+
+    scans: Any = MISSING
+    out: str = MISSING
+    restarts: int = limited(1, 1000)
+    batch: int = limited(1)
+    device: str = MISSING
+    dtype: str = one_of("float64", "float32")
+    threads: int | None = limited(1)
+    seed: int = limited(0, 2**63 - 1)
+    scan: ScanConfig = field(default_factory=ScanConfig)
+    cup: Any = MISSING
+    solver: Any = MISSING
+    condition: Any = MISSING
+
+
+def register() -> None:
+    """Make the schema known to Hydra, under the names that the defaults lists in conf/ use."""
+    store = ConfigStore.instance()
+    store.store(name="config_schema", node=Config)
+    for group, name, node in (
+        ("cup", "frames_schema", FramesConfig),
+        ("solver", "anneal_schema", AnnealConfig),
+        ("condition", "condition_schema", ConditionConfig),
+        ("scan", "scan_schema", ScanConfig),
+    ):
+        store.store(group=group, name=name, node=node)
+
+
+def check(config: DictConfig) -> None:
+    """Check what types alone do not say.
+
+    Raises:
+        ConfigError: names the key, what came and what is allowed.
+    """
+    _check_limits(config, "")
+    sources(config)
+    check_device(config.device)
+
+
+def sources(config: DictConfig) -> list[str]:
+    """The `scans` setting as a list of texts.
+
+    Raises:
+        ConfigError: it is something else.
+    """
+    value = config.scans
+    values = list(value) if isinstance(value, ListConfig) else [value]
+    if not values or not all(isinstance(item, str) and item for item in values):
+        raise ConfigError(f"scans={value}: must be a file, a folder, a glob, or a list of these: scans=[A,B]")
+    return values
+
+
+def check_device(name: str) -> None:
+    """Refuse a device that PyTorch does not know or this machine does not have.
+
+    Raises:
+        ConfigError: names the device and what is allowed.
+    """
+    if name == "cpu":
+        return
+    match = re.fullmatch(r"cuda(?::(\d+))?", name)
+    if not match:
+        raise ConfigError(f"device={name}: must be cpu, cuda or cuda:N")
+    count = torch.cuda.device_count()
+    if int(match[1] or 0) >= count:
+        raise ConfigError(f"device={name}: PyTorch sees {count or 'no'} CUDA device(s) here; use device=cpu")
+
+
+def _check_limits(node: DictConfig | ListConfig, prefix: str) -> None:
+    schema = OmegaConf.get_type(node)
+    limits = {item.name: item.metadata for item in fields(schema)} if is_dataclass(schema) else {}
+    for key in node if isinstance(node, DictConfig) else range(len(node)):
+        name, value = f"{prefix}{key}", node[key]
+        if isinstance(value, DictConfig | ListConfig):
+            _check_limits(value, f"{name}.")
+        elif value is not None and (allowed := _refusal(value, **limits.get(str(key), {}))):
+            raise ConfigError(f"{name}={value}: must be {allowed}")
+
+
+def _refusal(
+    value: Any, least: float | None = None, most: float | None = None, choices: Sequence[str] | None = None
+) -> str | None:
+    """What is allowed, if the value is not."""
+    if choices is not None and value not in choices:
+        return f"one of {', '.join(choices)}"
+    if least is None or (value >= least and (most is None or value <= most)):
+        return None
+    return f"at least {least:g}" if most is None else f"from {least:g} to {most:g}"
+
+
+def explain(error: BaseException, overrides: list[str]) -> str:
+    """One line for a setting that Hydra refused: the key, what came and what is allowed.
+
+    Args:
+        error: what composing the configuration raised.
+        overrides: the command line's arguments.
+    """
+    text, cause = str(error), error.__cause__ or error
+    key = getattr(cause, "full_key", None)
+    if isinstance(error, OverrideParseException):
+        form = "write key=value; a value with brackets and the like needs quotes of its own: \"key='a[1]'\""
+        return f"'{error.override}' cannot be read: {form}"
+    if match := re.match(r"Ambiguous value for argument '(.*?)=(.*)'", text):
+        choice = f"add -m to run each in turn, or write a list: {match[1]}=[{match[2]}]"
+        return f"{match[1]}={match[2]}: several values; {choice}"
+    if match := re.search(r"Could not find '(\w+)/(\S+)'", text):
+        choices = [name for name in re.findall(r"^\t(\w+)$", text, re.MULTILINE) if not name.endswith("_schema")]
+        return f"{match[1]}={match[2]}: there is no such choice; allowed: {', '.join(choices) or 'none'}"
+    if match := re.match(r"Value '(.*)' of type '\w+' could not be converted to (\w+)", str(cause)):
+        kind = {"Integer": "a whole number", "Float": "a number", "Boolean": "true or false"}.get(match[2], match[2])
+        return f"{key}={match[1]}: must be {kind}"
+    if key and re.match(r"Key '.*' (is not in struct|not in ')", str(cause)):
+        return _unknown_key(str(key), overrides)
+    return " ".join(str(cause).split()) or type(cause).__name__
+
+
+def _unknown_key(key: str, overrides: list[str]) -> str:
+    """What to say of a key that does not exist: the names that do, at the deepest level that does."""
+    parent, _, last = key.rpartition(".")
+    node = OmegaConf.select(_choices_only(overrides), parent) if parent else _choices_only(overrides)
+    if not isinstance(node, DictConfig):
+        return f"unknown setting '{key}'"
+    names = [str(name) for name in node if not str(name).startswith("_")]
+    meant = difflib.get_close_matches(last, names, n=1)
+    hint = f"did you mean {f'{parent}.' if parent else ''}{meant[0]}? " if meant else ""
+    return f"unknown setting '{key}'; {hint}allowed{f' in {parent}' if parent else ''}: {', '.join(names)}"
+
+
+def _choices_only(overrides: list[str]) -> DictConfig:
+    """The configuration of the command line's choices of groups, without its values."""
+    folder = resources.files("brafit.conf")
+    chosen = [text for text in overrides if "=" in text and folder.joinpath(text.split("=")[0]).is_dir()]
+    with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
+        return compose("config", overrides=chosen)

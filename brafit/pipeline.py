@@ -1,0 +1,275 @@
+"""From scans to results: load, fit in batches, write. Knows no command line; `brafit.app` makes its `Job`.
+
+Of a scan nothing but its row is kept once its batch is written, so memory is bounded by a batch, not by the dataset.
+"""
+
+from __future__ import annotations
+
+import math
+import platform
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from tqdm import tqdm
+
+from brafit import __version__
+from brafit.errors import InputError
+from brafit.fit import CupFit, ResultCode, Step, Target, fit_targets
+from brafit.pattern import Side, pieces_from_panels, write_svg
+from brafit.report.mesh import write_cup_ply, write_points_ply
+from brafit.report.table import format_table, write_fit_json, write_summary
+from brafit.scan import Scan, find_scans, load_scan, scan_names
+
+Row = dict[str, Any]
+"""One scan's line of summary.csv, see `brafit.report.table.SUMMARY_KEYS`."""
+
+ALL_OK, SOME_FAILED, NOTHING_RAN = 0, 1, 2
+
+_RESULTS = ("patterns.svg", "cup.ply", "points.ply")
+_TABLE_ROWS = 60
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to fit, how, and where the results go.
+
+    Attributes:
+        scans: files, folders, glob patterns or `samples`, see `brafit.scan.find_scans`.
+        out: folder of the results.
+        cup: makes the cup, such as a partial of `brafit.cup.FramesCup`.
+        solver, condition: what `brafit.fit.fit_targets` takes.
+        names: what the rows call the cup model (`cup`) and the solver (`solver`).
+        scan: keyword arguments of `brafit.scan.load_scan`.
+        restarts: starts per scan.
+        batch: scans fitted at once.
+        device, dtype: where and how precisely the fit computes.
+        threads: CPU threads; None leaves PyTorch's number.
+        seed: of PyTorch's generator, set before every batch.
+        settings: anything that says how to repeat the run; goes into every fit.json.
+    """
+
+    scans: Sequence[str | Path]
+    out: Path
+    cup: Callable[..., Any]
+    solver: Any
+    condition: Any
+    names: Mapping[str, Any] = field(default_factory=dict)
+    scan: Mapping[str, Any] = field(default_factory=dict)
+    restarts: int = 1
+    batch: int = 16
+    device: str = "cpu"
+    dtype: torch.dtype = torch.float64
+    threads: int | None = None
+    seed: int = 0
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
+    """Fit all scans of a job; the results of a batch are written before the next begins.
+
+    A scan that cannot be read or fitted becomes a row of status `failed` with its reason, and the others go on; what
+    nobody expected goes to `errors.log` with its traceback.
+
+    Args:
+        say: takes the closing table and where the results are, as a text of several lines; None: nothing is said.
+
+    Returns:
+        a row for each scan, in the order of `find_scans`.
+
+    Raises:
+        InputError: no scan was found.
+        BrafitError: nothing can run (a setting out of its range, Open3D missing).
+    """
+    if job.threads is not None:
+        torch.set_num_threads(job.threads)
+    paths = find_scans(job.scans)
+    scans = list(zip(scan_names(paths), paths, strict=True))
+    batches = [scans[i : i + job.batch] for i in range(0, len(scans), job.batch)]
+    rows: list[Row] = []
+    for number, batch in enumerate(batches, start=1):
+        rows += _run_batch(job, batch, f"batch {number}/{len(batches)}" if len(batches) > 1 else "fit")
+        write_summary(job.out / "summary.csv", rows)
+    if say is not None:
+        say(_closing(job, rows))
+    return rows
+
+
+def exit_status(rows: Sequence[Row]) -> int:
+    """0: all rows are ok; 1: some failed; 2: not one scan came as far as a result."""
+    if all(row["status"] == "ok" for row in rows):
+        return ALL_OK
+    return SOME_FAILED if any(row.get("iterations") is not None for row in rows) else NOTHING_RAN
+
+
+def _run_batch(job: Job, batch: Sequence[tuple[str, Path]], title: str) -> list[Row]:
+    rows: dict[str, Row] = {}
+    loaded: list[Scan] = []
+    for name, path in batch:
+        try:
+            loaded.append(load_scan(path, name=name, **job.scan))
+        except InputError as error:
+            rows[name] = _failed(job, name, str(error))
+            tqdm.write(f"failed: {error}", file=sys.stderr)
+    if loaded:
+        rows |= _fit_batch(job, loaded, title)
+    for name, path in batch:
+        if rows[name]["status"] == "failed":
+            _write_failure(job, rows[name], path)
+    return [rows[name] for name, _ in batch]
+
+
+def _fit_batch(job: Job, scans: Sequence[Scan], title: str) -> dict[str, Row]:
+    torch.manual_seed(job.seed)
+    try:
+        with _progress(title) as callback:
+            fits = fit_targets(
+                [_target(scan) for scan in scans],
+                job.cup,
+                job.solver,
+                job.condition,
+                restarts=job.restarts,
+                dtype=job.dtype,
+                device=job.device,
+                callback=callback,
+            )
+    except Exception as error:
+        reason = _unexpected(job, error, "the fit of its batch")
+        return {scan.name: _failed(job, scan.name, reason, scan) for scan in scans}
+    return {scan.name: _finish(job, scan, fit) for scan, fit in zip(scans, fits, strict=True)}
+
+
+def _finish(job: Job, scan: Scan, fit: CupFit) -> Row:
+    """The row of a fit; its files are written if it is ok."""
+    row = _row(job, scan, fit)
+    if row["status"] == "ok":
+        try:
+            _write_results(job, scan, fit, row)
+        except Exception as error:
+            row |= {"status": "failed", "reason": _unexpected(job, error, "writing its results")}
+    return row
+
+
+def _row(job: Job, scan: Scan, fit: CupFit) -> Row:
+    row = {
+        **_failed(job, scan.name, fit.reason, scan),
+        **{key: _number(value) for key, value in fit.figures.items()},
+        "iterations": fit.iterations,
+        "seconds": fit.seconds,
+    }
+    # Without a neckline there is no distance from it.
+    needed = {key: value for key, value in fit.figures.items() if key != "upper_edge_mm" or scan.neckline is not None}
+    missing = [key for key, value in needed.items() if value is None or not math.isfinite(value)]
+    if fit.code is ResultCode.DIVERGED:
+        return row
+    if missing:
+        return row | {"reason": f"{fit.reason}, but not finite: {', '.join(missing)}"}
+    return row | {"status": "ok"}
+
+
+def _failed(job: Job, name: str, reason: str, scan: Scan | None = None) -> Row:
+    """The row of a scan that has no fit yet."""
+    row: Row = {
+        "scan": name,
+        "status": "failed",
+        "reason": reason,
+        "cup": job.names.get("cup"),
+        "solver": job.names.get("solver"),
+        "panels": _setting(job, "cup", "panels"),
+        "terms": _setting(job, "cup", "terms"),
+    }
+    return row if scan is None else row | {"side": scan.side, "points": len(scan.points)}
+
+
+def _setting(job: Job, group: str, key: str) -> Any:
+    values = job.settings.get(group)
+    return values.get(key) if isinstance(values, Mapping) else None
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)
+
+
+def _target(scan: Scan) -> Target:
+    return Target(
+        name=scan.name,
+        points=scan.points,
+        wire=scan.wire,
+        neckline=scan.neckline,
+        strap_point=scan.strap_point,
+        apex=scan.apex,
+    )
+
+
+def _write_results(job: Job, scan: Scan, fit: CupFit, row: Row) -> None:
+    folder = job.out / scan.name
+    pieces = pieces_from_panels(fit.panels, cast(Side, scan.side))
+    note = f"{scan.side} cup, {row['cup']}, {len(fit.panels)} panel{'s' * (len(fit.panels) > 1)}"
+    write_svg(folder / "patterns.svg", pieces, scan.name, note)
+    write_cup_ply(folder / "cup.ply", fit.shape, scan.frame.to_scan)
+    write_points_ply(folder / "points.ply", scan.frame.to_scan(scan.points), fit.distances)
+    extra = {
+        "code": fit.code.name,
+        "figures": fit.figures,
+        "edges": [{edge.name: edge.length for edge in piece.edges} | {"piece": piece.name} for piece in pieces],
+        "frame": {"origin": scan.frame.origin, "axes": scan.frame.axes},
+        "cleaning": asdict(scan.cleaning),
+        "landmarks": {
+            "wire_points": len(scan.wire),
+            "neckline_points": 0 if scan.neckline is None else len(scan.neckline),
+            "strap_point": scan.strap_point,
+            "apex": scan.apex,
+        },
+    }
+    write_fit_json(folder / "fit.json", row, extra | _provenance(job, scan.path))
+
+
+def _write_failure(job: Job, row: Row, path: Path) -> None:
+    """fit.json of a failed scan; results of an earlier run in the same folder must not pass for its own."""
+    folder = job.out / row["scan"]
+    for name in _RESULTS:
+        (folder / name).unlink(missing_ok=True)
+    write_fit_json(folder / "fit.json", row, _provenance(job, path))
+
+
+def _provenance(job: Job, path: Path) -> dict[str, Any]:
+    versions = {"brafit": __version__, "torch": torch.__version__, "python": platform.python_version()}
+    return {"file": path.absolute(), "settings": job.settings, "versions": versions}
+
+
+def _unexpected(job: Job, error: Exception, during: str) -> str:
+    """The reason for a row; the traceback goes to errors.log, the line to the terminal."""
+    what = " ".join(str(error).split())
+    reason = f"unexpected {type(error).__name__} in {during}: {what[:200]} (see errors.log)"
+    job.out.mkdir(parents=True, exist_ok=True)
+    with (job.out / "errors.log").open("a", encoding="utf-8") as log:
+        log.write(f"{reason}\n{''.join(traceback.format_exception(error))}\n")
+    tqdm.write(f"failed: {reason}", file=sys.stderr)
+    return reason
+
+
+@contextmanager
+def _progress(title: str) -> Iterator[Callable[[Step], None]]:
+    """A bar on the terminal, a line now and then in a log; gives the callback that moves it."""
+    quiet = 0.2 if sys.stderr.isatty() else 30.0
+    with tqdm(desc=title, mininterval=quiet, dynamic_ncols=True, unit="step", leave=False) as bar:
+
+        def callback(step: Step) -> None:
+            bar.total = step.total
+            bar.set_description_str(f"{title}, {step.stage}", refresh=False)
+            bar.set_postfix_str(f"median objective {float(step.terms['objective'].median()):.3g}", refresh=False)
+            bar.update(step.index - bar.n)
+
+        yield callback
+
+
+def _closing(job: Job, rows: Sequence[Row]) -> str:
+    failed = [row for row in rows if row["status"] != "ok"]
+    shown = list(rows) if len(rows) <= _TABLE_ROWS else failed[:_TABLE_ROWS]
+    counts = f"{len(rows) - len(failed)} of {len(rows)} scans ok"
+    return f"{format_table(shown)}\n\n{counts}. Results: {job.out}"

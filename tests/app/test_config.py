@@ -1,0 +1,129 @@
+"""Settings: every override of the command line composes, and every wrong one is refused in one line that helps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hydra import compose, initialize_config_module
+from omegaconf import DictConfig
+
+from brafit.config import check, explain, register, sources
+from brafit.errors import ConfigError
+
+CONF = Path(__file__).parents[2] / "conf"
+
+
+def composed(*overrides: str) -> DictConfig:
+    register()
+    with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
+        return compose("config", overrides=list(overrides))
+
+
+def refusal(*overrides: str) -> str:
+    """The line that a user gets."""
+    try:
+        check(composed(*overrides))
+    except ConfigError as error:
+        return str(error)
+    except Exception as error:
+        return explain(error, list(overrides))
+    raise AssertionError(f"{overrides} was accepted")
+
+
+def test_defaults_pass_their_own_checks() -> None:
+    config = composed()
+    check(config)
+    assert sources(config) == ["samples"]
+    assert (config.cup.panels, config.cup.terms, config.scan.points) == (2, 6, 2000)
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "value"),
+    [
+        ("scans=some/folder", "scans", "some/folder"),
+        ("scans=some/*.ply", "scans", "some/*.ply"),
+        ("scans=[a.ply,b.ply]", "scans", ["a.ply", "b.ply"]),
+        ("scans='a[1] b.ply'", "scans", "a[1] b.ply"),
+        ("cup.panels=3", "cup.panels", 3),
+        ("cup.terms=8", "cup.terms", 8),
+        ("cup=frames", "cup._target_", "brafit.cup.FramesCup"),
+        ("solver=anneal", "solver._target_", "brafit.fit.Anneal"),
+        ("solver.stages.0.steps=7", "solver.stages.0.steps", 7),
+        ("condition.points=l1", "condition.points", "l1"),
+        ("scan.points=500", "scan.points", 500),
+        ("scan.points=null", "scan.points", None),
+        ("scan.outliers=null", "scan.outliers", None),
+        ("device=cpu", "device", "cpu"),
+        ("out=elsewhere", "out", "elsewhere"),
+        ("dtype=float32", "dtype", "float32"),
+        ("restarts=4", "restarts", 4),
+        ("batch=2", "batch", 2),
+        ("threads=1", "threads", 1),
+        ("seed=5", "seed", 5),
+        ("experiment=quick", "restarts", 1),
+    ],
+)
+def test_overrides_compose(override: str, key: str, value: Any) -> None:
+    config = composed(override)
+    check(config)
+    for part in key.split("."):
+        config = config[int(part) if part.isdigit() else part]
+    assert config == value
+
+
+def test_an_override_beats_an_experiment() -> None:
+    assert composed("experiment=quick", "scan.points=77").scan.points == 77
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("cup.pannels=3", ["cup.pannels", "did you mean cup.panels?", "terms"]),
+        ("scan.foo=1", ["scan.foo", "allowed in scan", "outliers"]),
+        ("devise=cpu", ["devise", "did you mean device?"]),
+        ("cup=framez", ["cup=framez", "allowed: frames"]),
+        ("experiment=slow", ["experiment=slow", "quick"]),
+        ("cup.panels=two", ["cup.panels=two", "whole number"]),
+        ("cup.panels=0", ["cup.panels=0", "from 1 to 8"]),
+        ("cup.basis=sine", ["cup.basis=sine", "one of cosine"]),
+        ("condition.neckline=-1", ["condition.neckline=-1", "at least 0"]),
+        ("solver.stages.0.steps=-7", ["solver.stages.0.steps=-7", "at least 0"]),
+        ("solver.stages.1.optimiser=sgd", ["solver.stages.1.optimiser=sgd", "one of adam, lbfgs"]),
+        ("scan.points=3", ["scan.points=3", "at least 10"]),
+        ("dtype=half", ["dtype=half", "float64", "float32"]),
+        ("device=tpu", ["device=tpu", "cpu, cuda"]),
+        ("device=cuda:77", ["device=cuda:77", "device=cpu"]),
+        ("batch=0", ["batch=0", "at least 1"]),
+        ("scans=null", ["scans", "file", "folder"]),
+        ("scans=[]", ["scans", "file", "folder"]),
+        ("scans=3", ["scans=3", "file", "folder"]),
+        ("scans=a[1].ply", ["scans=a[1].ply", "quotes"]),
+        ("nonsense", ["nonsense", "key=value"]),
+        ("cup.terms=4,6", ["cup.terms=4,6", "-m"]),
+    ],
+)
+def test_wrong_settings_are_refused_in_one_line(override: str, words: list[str]) -> None:
+    line = refusal(override)
+    assert "\n" not in line
+    for word in words:
+        assert word in line
+
+
+def test_unknown_key_names_the_keys_of_the_chosen_group() -> None:
+    line = refusal("cup=frames", "cup.foo=1")
+    assert "panels, terms, stations" in line
+
+
+def test_every_choice_is_named_in_the_help() -> None:
+    text = (CONF / "hydra" / "help" / "brafit.yaml").read_text()
+    for file in CONF.glob("*/*.yaml"):
+        assert f"{file.parent.name}={file.stem}" in text
+
+
+def test_no_group_shares_its_name_with_a_scalar() -> None:
+    """Hydra would take `name=value` for a choice."""
+    scalars = yaml.safe_load((CONF / "config.yaml").read_text()).keys() - {"defaults", "hydra"}
+    assert not scalars & {folder.name for folder in CONF.iterdir() if folder.is_dir()}
