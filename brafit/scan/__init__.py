@@ -6,7 +6,6 @@ from brafit.scan.frame import CupFrame
 from brafit.scan.landmarks import Landmarks, landmarks_path, read_landmarks
 from brafit.scan.load import Scan, load_scan
 from brafit.scan.read import Cloud, read_cloud
-from brafit.scan.synthetic import on_panels, quarter_sphere
 
 __all__ = [
     "Cleaning",
@@ -18,8 +17,6 @@ __all__ = [
     "find_scans",
     "landmarks_path",
     "load_scan",
-    "on_panels",
-    "quarter_sphere",
     "read_cloud",
     "read_landmarks",
     "scan_names",

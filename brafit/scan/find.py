@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from brafit.errors import InputError
@@ -47,18 +46,27 @@ def find_scans(scans: str | Path | Sequence[str | Path] = SAMPLES) -> list[Path]
 
 
 def scan_names(paths: Sequence[str | Path]) -> list[str]:
-    """A name for each path, no two alike (also where case is ignored): the stem; where that is taken twice, with the
-    extension; where that is taken too, with the folder; at last with a number."""
+    """A name for each path, no two alike (also where case is ignored).
+
+    The stem; for paths with the same stem, with the extension or with the folder, if that tells them apart; at last
+    with a number.
+    """
     paths = [Path(path) for path in paths]
-    names = [path.stem for path in paths]
-    for longer in (
+    groups: dict[str, list[Path]] = {}
+    for path in paths:
+        groups.setdefault(path.stem.lower(), []).append(path)
+    chosen = {stem: _telling(group) for stem, group in groups.items()}
+    return _numbered([chosen[path.stem.lower()](path) for path in paths])
+
+
+def _telling(group: list[Path]) -> Callable[[Path], str]:
+    """The shortest way of naming these paths that tells them apart, or else the last."""
+    ways: list[Callable[[Path], str]] = [
+        lambda path: path.stem,
         lambda path: f"{path.stem}_{path.suffix.lstrip('.')}",
         lambda path: f"{path.absolute().parent.name}_{path.stem}",
-        lambda path: f"{path.absolute().parent.name}_{path.stem}_{path.suffix.lstrip('.')}",
-    ):
-        taken = Counter(name.lower() for name in names)
-        names = [longer(path) if taken[name.lower()] > 1 else name for path, name in zip(paths, names, strict=True)]
-    return _numbered(names)
+    ]
+    return next((way for way in ways if len({way(path).lower() for path in group}) == len(group)), ways[-1])
 
 
 def _numbered(names: list[str]) -> list[str]:
@@ -105,7 +113,7 @@ def _nothing(entry: str) -> InputError:
         return InputError(entry, what, f"Name a folder, a pattern or a file of {formats}, or 'samples'")
     clouds = sum(_is_cloud(child) for child in path.iterdir())
     if clouds:
-        what = f"none of the folder's {clouds} clouds has a landmark file"
+        what = f"the folder has no cloud with a landmark file, and {clouds} without"
         return InputError(entry, what, "Write NAME.json beside NAME.ply, see brafit/scan/landmarks.schema.json")
     below = sorted(child.name for child in path.iterdir() if child.is_dir() and _in_folder(child))
     hint = f"Name a folder inside it: {', '.join(below)}" if below else f"Name a folder with clouds ({formats})"

@@ -116,7 +116,7 @@ def _refuse_misspelt(path: Path, data: dict[str, Any], names: tuple[str, ...], p
         if meant:
             raise InputError(
                 path,
-                f"{prefix}{meant}: missing; did you mean it by '{key}'?",
+                f"{prefix}{meant}: missing; '{key}' looks like it",
                 f"Rename '{key}' to '{meant}', or remove it",
             )
 

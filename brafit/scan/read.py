@@ -1,4 +1,4 @@
-"""Reading point clouds, through Open3D's tensor interface."""
+"""Reading point clouds: PLY and PCD through Open3D's tensor interface, plain text by NumPy."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from jaxtyping import Bool, Float
 
 from brafit.errors import InputError
 from brafit.scan.engine import listening, open3d
+from brafit.scan.text import TEXT_FORMATS, read_text
 
-FORMATS = frozenset({".ply", ".pcd", ".xyz", ".xyzn", ".pts"})
+FORMATS = frozenset({".ply", ".pcd"}) | TEXT_FORMATS
 """Extensions of the clouds that are read, in lower case."""
 MIN_POINTS = 100
 FLAG = "inside"
 
+_FAILURES = ("fail", "error", "unable", "unexpected")
+_PERMISSIONS = "Check the file and its permissions"
 _COMPLETE = "Export the cloud again, and check that the copy is complete"
 
 
@@ -72,46 +75,67 @@ def _check_file(path: Path) -> None:
         with path.open("rb") as file:
             empty = not file.read(1)
     except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "Check the file and its permissions") from None
+        raise InputError(path, f"cannot be read ({error.strerror})", _PERMISSIONS) from None
     if empty:
         raise InputError(path, "the file is empty", _COMPLETE)
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:
-    """The cloud's columns by name.
+    """The cloud's columns by name."""
+    try:
+        columns = read_text(path) if path.suffix.lower() in TEXT_FORMATS else _read_open3d(path)
+    except ValueError as error:
+        raise InputError(path, f"cannot be read as a cloud, it is damaged or cut off ({error})", _COMPLETE) from None
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", _PERMISSIONS) from None
+    if not len(columns.get("positions", ())):
+        raise InputError(path, "the cloud is empty: 0 points", _COMPLETE)
+    return columns
 
-    A damaged file makes Open3D print something and return a cloud that is empty, or of the promised size with
-    arbitrary numbers in it; so anything said about a failure counts as one.
+
+def _read_open3d(path: Path) -> dict[str, np.ndarray]:
+    """The columns of a PLY or PCD file; ValueError with a short reason if it is damaged.
+
+    A damaged file makes Open3D say something and return a cloud that is empty, or of the promised size with arbitrary
+    numbers in it; so anything said about a failure counts as one.
     """
     o3d = open3d()
+    columns: dict[str, np.ndarray] = {}
     with listening() as messages:
         try:
             table: Any = o3d.t.io.read_point_cloud(str(path)).point
             columns = {name: table[name].numpy().copy() for name in table}
             trouble = ""
         except (RuntimeError, KeyError) as error:
-            columns, trouble = {}, str(error)
-    said = [line for line in messages.lines() if "fail" in line.lower() or "error" in line.lower()]
-    said += [line for line in messages.lines() if "unable" in line.lower() or "unexpected" in line.lower()]
-    if said or trouble:
-        reason = (said or ["it has no positions x, y, z"])[0].rstrip(".").replace(f": {path}", "")
-        raise InputError(path, f"cannot be read as a cloud, it is damaged or cut off ({reason})", _COMPLETE)
-    if path.suffix.lower() == ".pts":
-        _check_pts(path)
-    if "positions" not in columns or not len(columns["positions"]):
-        raise InputError(path, "the cloud is empty: 0 points", _COMPLETE)
+            trouble = str(error)
+    said = [line for line in messages.lines() if any(word in line.lower() for word in _FAILURES)]
+    if said:
+        raise ValueError(said[0].rstrip(".").replace(f": {path}", ""))
+    if "positions" in trouble:
+        raise ValueError("it has no positions x, y, z")
+    if trouble:
+        raise ValueError("Open3D refuses it")
+    if path.suffix.lower() == ".pcd":
+        _check_ascii_pcd(path)
     return columns
 
 
-def _check_pts(path: Path) -> None:
-    """A .pts file that ends early is filled up with zeros by Open3D; its first line says how many lines must follow."""
+def _check_ascii_pcd(path: Path) -> None:
+    """Where the lines of an ASCII PCD end early, Open3D invents the rest in silence."""
     with path.open("rb") as file:
-        promised = file.readline().split()
-        lines = sum(bool(line.strip()) for line in file)
-    if len(promised) != 1 or int(promised[0]) != lines:
-        first = promised[0].decode(errors="replace") if len(promised) == 1 else "no number"
-        reason = f"its first line promises {first}, {lines} points follow"
-        raise InputError(path, f"cannot be read as a cloud, it is damaged or cut off ({reason})", _COMPLETE)
+        promised = 0
+        for words in map(bytes.split, file):
+            if words[:1] == [b"POINTS"]:
+                promised = int(words[1])
+            if words[:1] == [b"DATA"]:
+                break
+        else:
+            return
+        if words[1:] != [b"ascii"]:
+            return
+        follow = sum(bool(line.strip()) for line in file)
+    if follow < promised:
+        raise ValueError(f"its header promises {promised} points, {follow} follow")
 
 
 def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> None:
