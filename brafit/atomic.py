@@ -13,8 +13,8 @@ from pathlib import Path
 def replacing(path: str | Path) -> Iterator[Path]:
     """Temporary path to write to in the `with` block; it becomes `path` when the block ends without an error.
 
-    The temporary name is hidden, keeps the suffix (libraries choose a format by it) and lies in the same folder, so that
-    the rename cannot be torn apart by a crash. Missing folders are made. After an error `path` is as it was before.
+    The temporary name is hidden, keeps the suffix (libraries choose a format by it) and lies in the same folder, so
+    that the rename cannot be torn apart by a crash. Missing folders are made. An error leaves `path` as it was.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,10 +1,10 @@
-"""Patterns as SVG in true millimetres: one user unit is one millimetre; a piece is a named group (an Inkscape layer)."""
+"""Patterns as SVG in true millimetres: a user unit is one millimetre, a piece is a named group (an Inkscape layer)."""
 
 from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +28,8 @@ LEGEND: dict[Kind, str] = {"wire": "wire edge", "ridge": "ridge (seam between pa
 def write_svg(path: str | Path, pieces: Sequence[Piece], title: str, note: str = "") -> None:
     """Write pieces at true size, with a legend and a control square of 100 mm.
 
-    Every edge is a path of its own with the classes `edge` and its kind, in the group of its piece; the name of that group
-    stands in `inkscape:label` and, made fit for XML, in `id`. Coordinates are exact to 1e-4 mm.
+    Every edge is a path of its own with the classes `edge` and its kind, in the group of its piece; the name of that
+    group stands in `inkscape:label` and, made fit for XML, in `id`. Coordinates are exact to 1e-4 mm.
 
     Args:
         pieces: one cup's pieces in mm.
@@ -102,7 +102,7 @@ def _control_square(root: ET.Element, x: float, y: float) -> None:
     _text(group, "measure it on the print before cutting", x + CONTROL / 2, y + CONTROL / 2 + 5.5, 3.2, anchor="middle")
 
 
-def _legend(root: ET.Element, x: float, y: float, present: set[Kind], pieces: Sequence[Piece]) -> None:
+def _legend(root: ET.Element, x: float, y: float, present: Container[str], pieces: Sequence[Piece]) -> None:
     group = _child(root, "g", id="legend")
     _text(group, "units: mm, true size (1:1)", x, y + 4, 3.6, weight="bold")
     kinds: list[Kind] = [kind for kind in LEGEND if kind in present]

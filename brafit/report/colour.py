@@ -9,7 +9,7 @@ from numpy import ndarray
 DIVERGING = np.array(
     [(13, 60, 130), (50, 125, 200), (135, 185, 220), (205, 203, 198), (240, 160, 120), (212, 80, 60), (128, 15, 35)]
 )
-"""RGB at equal steps from far inside to far outside. The middle is a grey that shows on white paper and black screens."""
+"""RGB at equal steps from far inside to far outside. The middle is a grey that shows on white and on black."""
 
 PANELS = np.array([(236, 219, 201), (219, 198, 184), (242, 230, 212)])
 """Cloth-like RGB of the panels, from the wire up; repeated when there are more."""

@@ -106,7 +106,7 @@ def cup_figure(shape: CupShape, points: Float[ndarray, "n 3"] | None, title: str
     assert isinstance(axes, Axes3D)
     _draw_cup(axes, edges, points, chosen, [0, 1, 2])
     axes.view_init(elev=28, azim=-38)
-    axes.set_box_aspect(np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1), zoom=0.86)
+    axes.set_box_aspect(np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1), zoom=0.86)  # type: ignore[arg-type]
     for name, axis in zip("xyz", (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
         axis.set_label_text(_unit_label(name, unit))
         axis.set_major_locator(MaxNLocator(4))

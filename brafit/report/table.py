@@ -85,7 +85,7 @@ def _complete(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Values as JSON has them: tensors and arrays as lists, enums as their names, numbers that are not finite as None."""
+    """Values as JSON has them: tensors and arrays as lists, enums as their names, not finite numbers as None."""
     if isinstance(value, Enum):
         return value.name
     if isinstance(value, Mapping):

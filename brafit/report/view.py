@@ -1,7 +1,7 @@
 """Orthographic pictures of triangles, dots and lines, painted from back to front into flat matplotlib axes.
 
 Matplotlib's own 3D axes sort whole collections, so that a cloud lies either wholly before or wholly behind a surface;
-here every triangle, dot and piece of line takes its own place in depth, and flat axes keep one scale for all directions.
+here every triangle, dot and piece of line takes its own place in depth, and flat axes keep one scale.
 """
 
 from __future__ import annotations
