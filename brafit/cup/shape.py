@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Callable
 
 from jaxtyping import Float
 from torch import Tensor
@@ -29,8 +29,8 @@ class CupShape:
     """
 
     stations: Float[Tensor, " n"]
-    edges: Float[Tensor, "*batch panels+1 n 3"]
-    tangents: Float[Tensor, "*batch panels+1 n 3"]
+    edges: Float[Tensor, "*batch edges n 3"]
+    tangents: Float[Tensor, "*batch edges n 3"]
     directions: Float[Tensor, "*batch panels n 3"]
     normals: Float[Tensor, "*batch panels n 3"]
     geodesic: Float[Tensor, "*batch panels n"]

@@ -1,0 +1,139 @@
+"""Cup model A, "frames": the paper's. Ridge and upper line are curves drawn by moving frames, (32), (44)-(52).
+
+The panels between the edges are ruled by joining equal s; they are developable only where det(zeta_a, zeta_b, g) = 0, and the edges
+end in the wire's end only where (38), (39) hold: both are conditions of the fit (`ends`, `twist`).
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from brafit.cup.base import Cup
+from brafit.cup.shape import CupShape
+from brafit.cup.wire import LENGTH, Wire
+from brafit.geometry.curve import gauss_points, integrate_curve
+from brafit.geometry.developable import (
+    curvature_vector,
+    geodesic_curvature,
+    normals,
+    rulings,
+    twist_determinant,
+)
+from brafit.geometry.ritz import ritz_basis, ritz_sum
+from brafit.geometry.rotation import product, rotation_exp
+
+
+class FramesCup(Cup):
+    """Cups whose edges above the wire are integrated from (omega_xi, omega_eta, v) and an initial frame each.
+
+    Args:
+        wire: the wire lines of B cups.
+        panels: number of panels; each adds one edge.
+        terms: Ritz terms of each of the three functions of an edge.
+        stations: samples along the wire.
+        basis: Ritz basis, see `brafit.geometry.ritz`.
+
+    Parameters:
+        coefficients (B, panels, 3, terms): Ritz coefficients of omega_xi, omega_eta and v, with s' = v^2 and omega_zeta = 0.
+        turn (B, panels, 3): rotation vector that turns the reference frame (a buffer set by `start`) into Phi_0.
+    """
+
+    reference: Tensor
+
+    def __init__(self, wire: Wire, panels: int = 2, terms: int = 6, stations: int = 101, basis: str = "cosine"):
+        super().__init__(wire, panels, stations)
+        self.terms, self.basis = terms, basis
+        like = wire.coefficients
+        self.coefficients = nn.Parameter(like.new_zeros(len(wire), panels, 3, terms))
+        self.turn = nn.Parameter(like.new_zeros(len(wire), panels, 3))
+        frames = torch.eye(3, dtype=like.dtype, device=like.device).expand(len(wire), panels, 3, 3)
+        self.register_buffer("reference", frames.clone())
+        s = self.stations
+        self.register_buffer("_at_stations", ritz_basis(basis, terms, s / LENGTH), persistent=False)
+        at_gauss = ritz_basis(basis, terms, gauss_points(s).flatten() / LENGTH)
+        self.register_buffer("_at_gauss", at_gauss, persistent=False)
+        wire_lines = torch.stack([wire.sample(s, k) for k in range(3)])
+        self.register_buffer("_wire_lines", wire_lines, persistent=False)
+
+    @property
+    def layout(self) -> dict[str, tuple[int, ...]]:
+        return {"coefficients": (self.panels, 3, self.terms), "turn": (self.panels, 3)}
+
+    def shape_of(self, flat: Float[Tensor, "batch size"]) -> CupShape:
+        named = self.split(flat)
+        coefficients = named["coefficients"]
+        frame = product(rotation_exp(named["turn"]), self.reference)
+        inside = ritz_sum(coefficients, self._at_gauss).unflatten(-1, (-1, 2))
+        speed = inside[..., 2, :, :].square()
+        omega = torch.stack((inside[..., 0, :, :], inside[..., 1, :, :], torch.zeros_like(speed)), dim=-1)
+        wire, wire_tangent, wire_second = self._wire_lines.unbind(0)
+        origin = wire[:, None, 0].expand(-1, self.panels, -1)
+        frames, positions = integrate_curve(omega, speed, self.stations.diff(), frame, origin)
+
+        omega_xi, omega_eta, v = ritz_sum(coefficients, self._at_stations).unbind(-2)
+        xi, eta, zeta = frames.unbind(-1)
+        own_tangents = zeta * v.square()[..., None]
+        own_curvature = omega_eta[..., None] * xi - omega_xi[..., None] * eta
+        edges = torch.cat((wire[:, None], positions), dim=1)
+        tangents = torch.cat((wire_tangent[:, None], own_tangents), dim=1)
+        wire_curvature = curvature_vector(wire_tangent, wire_second)
+        curvature = torch.cat((wire_curvature[:, None], own_curvature), dim=1)[:, :-1]
+        directions = rulings(edges[:, :-1], edges[:, 1:], tangents[:, :-1], tangents[:, 1:])
+        lower = tangents[:, :-1]
+        return CupShape(
+            stations=self.stations,
+            edges=edges,
+            tangents=tangents,
+            directions=directions,
+            normals=normals(lower, directions),
+            geodesic=geodesic_curvature(lower, curvature, directions),
+        )
+
+    def ends(self, shape: CupShape) -> Float[Tensor, "batch panels*3"]:
+        """Gap between each edge's end and the wire's end, (38), (39)."""
+        return (shape.edges[:, 1:, -1] - shape.edges[:, :1, -1]).flatten(1)
+
+    def twist(self, shape: CupShape) -> Float[Tensor, "batch panels*inner"]:
+        """det(zeta_a, zeta_b, d) at the inner stations, (40), (41) pointwise."""
+        inner = slice(1, -1)
+        lower, upper = shape.tangents[:, :-1, inner], shape.tangents[:, 1:, inner]
+        return twist_determinant(lower, upper, shape.directions[:, :, inner]).flatten(1)
+
+    def constraints(self, shape: CupShape) -> dict[str, Float[Tensor, "batch m"]]:
+        twist = self.twist(shape)
+        return {"ends": self.ends(shape), "twist": twist / twist.shape[1] ** 0.5}
+
+    def closure(self, shape: CupShape) -> Float[Tensor, "batch m"]:
+        return self.ends(shape)
+
+    def roughness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
+        order = torch.arange(self.terms, dtype=flat.dtype, device=flat.device).square()
+        return (self.split(flat)["coefficients"] * order).flatten(1)
+
+    @torch.no_grad()
+    def start(self, angles: Float[Tensor, "batch panels"], reaches: Float[Tensor, "batch panels"]) -> None:
+        """Circular arcs over the wire's chord, in planes turned about it; the ends meet exactly."""
+        chord = self._wire_lines[0, :, -1].norm(dim=-1, keepdim=True)
+        reach = reaches.clamp_min(1e-2 * LENGTH)
+        radius = (reach.square() + chord.square() / 4) / (2 * reach)
+        half = 2 * torch.atan2(2 * reach, chord)
+        arc = 2 * radius * half
+        zero = torch.zeros_like(angles)
+        outward = torch.stack((torch.cos(angles), zero, torch.sin(angles)), dim=-1)
+        along = torch.stack((zero, torch.ones_like(zero), zero), dim=-1)
+        sine, cosine = torch.sin(half)[..., None], torch.cos(half)[..., None]
+        zeta = sine * outward + cosine * along
+        xi = sine * along - cosine * outward
+        self.reference.copy_(torch.stack((xi, torch.linalg.cross(zeta, xi), zeta), dim=-1))
+        self.coefficients.zero_()
+        self.coefficients[:, :, 1, 0] = 1 / radius
+        self.coefficients[:, :, 2, 0] = (arc / LENGTH).sqrt()
+        self.turn.zero_()
+
+    def select(self, index: Tensor) -> "FramesCup":
+        cup = FramesCup(self.wire.select(index), self.panels, self.terms, self.stations.shape[0], self.basis)
+        cup.load_flat(self.flatten().detach()[index])
+        cup.reference.copy_(self.reference[index])
+        return cup.to(self.reference)

@@ -1,0 +1,180 @@
+"""The wire line: the curve that the cup starts from.
+
+Every wire is held as Chebyshev series of its position by arc length, divided by length / pi, so that in these solver units
+each wire of a batch has s in [0, pi]. A half-circle wire has radius 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy.polynomial import chebyshev
+from torch import Tensor, nn
+
+from brafit.geometry.grid import chebyshev_analysis, chebyshev_integral, chebyshev_points, chebyshev_synthesis
+from brafit.geometry.rotation import motion_exp
+
+LENGTH = math.pi
+"""Length of every wire in solver units."""
+_TERMS = 64
+_CUP_FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+
+class Wire(nn.Module):
+    """Wire lines of B cups, inner end to outer end, in cup frames.
+
+    Attributes:
+        coefficients: Chebyshev coefficients of the positions by arc length, solver units.
+        scale: millimetres (or whatever unit the wire was given in) per solver unit.
+        smoothing: largest distance of the given points from the smooth wire, in the given unit; 0 for exact curves.
+    """
+
+    coefficients: Float[Tensor, "batch terms 3"]
+    scale: Float[Tensor, " batch"]
+    smoothing: Float[Tensor, " batch"]
+
+    def __init__(self, coefficients: Tensor, scale: Tensor, smoothing: Tensor):
+        super().__init__()
+        self.register_buffer("coefficients", coefficients)
+        self.register_buffer("scale", scale)
+        self.register_buffer("smoothing", smoothing)
+
+    def __len__(self) -> int:
+        return self.coefficients.shape[0]
+
+    @property
+    def length(self) -> Float[Tensor, " batch"]:
+        """Arc length in the given unit."""
+        return self.scale * LENGTH
+
+    def sample(self, s: Float[Tensor, " n"], derivative: int = 0) -> Float[Tensor, "batch n 3"]:
+        """Positions at arc lengths s in [0, pi], or their derivatives by s; solver units."""
+        x = (2 * s.detach().cpu().double().numpy() / LENGTH - 1).clip(-1, 1)
+        matrix = torch.from_numpy(chebyshev_synthesis(self.coefficients.shape[1], x, derivative))
+        matrix = matrix.to(self.coefficients) * (2 / LENGTH) ** derivative
+        # one wire at a time, so that rounding does not depend on the batch
+        return torch.stack([matrix @ c for c in self.coefficients])
+
+    def select(self, index: Tensor) -> "Wire":
+        """The wires of these batch items."""
+        return Wire(self.coefficients[index], self.scale[index], self.smoothing[index])
+
+    @staticmethod
+    def stack(wires: Sequence["Wire"]) -> "Wire":
+        """One batch of several."""
+        return Wire(*(torch.cat([getattr(w, k) for w in wires]) for k in ("coefficients", "scale", "smoothing")))
+
+    @staticmethod
+    def from_omega(
+        omega: Sequence[float], length: float, frame: Sequence[Sequence[float]] = _CUP_FRAME
+    ) -> "Wire":
+        """Wire of constant rates omega (3) per unit length, (53): a circular arc or a helix, from the origin.
+
+        `frame` is the initial frame with columns (xi, eta, zeta); by default zeta = +x, xi = +y, eta = +z, which makes (0, 1/R, 0) of
+        length pi R the half circle of radius R in z = 0, x >= 0.
+
+        Raises:
+            ValueError: length not positive.
+        """
+        if not length > 0:
+            raise ValueError(f"wire length must be positive, got {length}")
+        s = torch.from_numpy((chebyshev_points(_TERMS) + 1) / 2 * length)
+        rates = s[:, None] * torch.tensor(omega, dtype=torch.float64)
+        shift = torch.zeros_like(rates)
+        shift[:, 2] = s
+        positions = motion_exp(rates, shift)[1] @ torch.tensor(frame, dtype=torch.float64).mT
+        return _from_samples(positions.numpy(), length, 0.0)
+
+    @staticmethod
+    def from_arc(radius: float, length: float) -> "Wire":
+        """Planar circular arc in the cup frame: z = 0, chord along +y, bulging to +x.
+
+        Raises:
+            ValueError: not positive, or longer than the full circle.
+        """
+        if not (radius > 0 and length > 0):
+            raise ValueError(f"wire radius and length must be positive, got {radius} and {length}")
+        if length >= 2 * math.pi * radius:
+            raise ValueError(f"a wire of length {length} is longer than the circle of radius {radius}")
+        half = length / radius / 2
+        along = (math.sin(half), math.cos(half), 0.0)
+        inward = (-math.cos(half), math.sin(half), 0.0)
+        frame = tuple(zip(inward, (0.0, 0.0, 1.0), along))
+        return Wire.from_omega((0.0, 1 / radius, 0.0), length, frame)
+
+    @staticmethod
+    def from_polyline(points: Float[np.ndarray, "k 3"], smoothing: float = 1e-6) -> "Wire":
+        """Smooth wire through a polyline whose ends are kept.
+
+        Least squares plus `smoothing` times the mean squared third derivative, both in solver units: a wave of n
+        half-periods along the wire keeps 1 / (1 + smoothing n^6) of its amplitude. `self.smoothing` reports the largest distance
+        of the given points from the result.
+
+        Raises:
+            ValueError: fewer than 4 distinct points, or points that are not finite.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if not np.isfinite(points).all():
+            raise ValueError("the wire has points that are not finite numbers")
+        keep = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 0)
+        points = points[keep]
+        if len(points) < 4:
+            raise ValueError(f"a wire needs at least 4 distinct points, got {len(points)}")
+        chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        parameter = np.r_[0, np.cumsum(chords)]
+        scale = parameter[-1] / LENGTH
+        x = 2 * parameter / parameter[-1] - 1
+        series = _fit_series(x, points / scale, chords, smoothing) * scale
+        positions, length = _by_arc_length(series)
+        wire = _from_samples(positions, length, 0.0)
+        dense = wire.sample(torch.linspace(0, LENGTH, 4001, dtype=torch.float64))[0].numpy() * wire.scale.item()
+        off = max(_distance_to_polyline(p, dense) for p in points)
+        return Wire(wire.coefficients, wire.scale, torch.tensor([off], dtype=torch.float64))
+
+
+def _from_samples(positions: np.ndarray, length: float, smoothing: float) -> Wire:
+    """One wire from its positions at Chebyshev points of the arc length."""
+    scale = length / LENGTH
+    coefficients = chebyshev_analysis(len(positions)) @ (positions / scale)
+    tensors = (torch.from_numpy(coefficients)[None], torch.tensor([scale]), torch.tensor([smoothing]))
+    return Wire(*(t.double() for t in tensors))
+
+
+def _fit_series(x: np.ndarray, points: np.ndarray, chords: np.ndarray, smoothing: float) -> np.ndarray:
+    """Chebyshev coefficients of a smooth curve near `points` at x, through the first and the last of them."""
+    terms = min(28, len(points))
+    values = chebyshev.chebvander(x, terms - 1)
+    weights = np.convolve(chords, (0.5, 0.5)) / chords.sum()  # trapezoidal: uneven sampling does not matter
+    nodes, quadrature = np.polynomial.legendre.leggauss(2 * terms)
+    third = chebyshev_synthesis(terms, nodes, 3) * (2 / LENGTH) ** 3
+    normal = values.T @ (weights[:, None] * values) + max(smoothing, 1e-12) * third.T @ (quadrature[:, None] / 2 * third)
+    ends = values[[0, -1]]
+    system = np.block([[normal, ends.T], [ends, np.zeros((2, 2))]])
+    right = np.concatenate((values.T @ (weights[:, None] * points), points[[0, -1]]))
+    return np.linalg.solve(system, right)[:terms]
+
+
+def _by_arc_length(series: np.ndarray) -> tuple[np.ndarray, float]:
+    """Positions at the Chebyshev points of the arc length, and the length, of a curve given as a Chebyshev series."""
+    n = 200
+    x = chebyshev_points(n)
+    speed = np.linalg.norm(chebyshev.chebval(x, chebyshev.chebder(series)).T, axis=1)
+    arc = chebyshev_integral(n) @ speed
+    arc_series = chebyshev_analysis(n) @ arc
+    target = (chebyshev_points(_TERMS) + 1) / 2 * arc[-1]
+    place = np.interp(target, arc, x)
+    for _ in range(4):
+        error = chebyshev.chebval(place, arc_series) - target
+        place = (place - error / np.interp(place, x, speed)).clip(-1, 1)
+    place[0], place[-1] = -1, 1
+    return chebyshev.chebval(place, series).T, float(arc[-1])
+
+
+def _distance_to_polyline(point: np.ndarray, line: np.ndarray) -> float:
+    start, step = line[:-1], np.diff(line, axis=0)
+    t = (((point - start) * step).sum(1) / (step * step).sum(1)).clip(0, 1)
+    return float(np.linalg.norm(start + t[:, None] * step - point, axis=1).min())

@@ -1,0 +1,173 @@
+"""The annealing solver: Adam, then L-BFGS, while the penalties of the constraints rise and their multipliers settle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from brafit.fit import adam, lbfgs
+from brafit.fit.objective import Evaluation, Objective, Pressure, columns
+from brafit.fit.result import ResultCode
+from brafit.fit.solver import Callback, Solution, Step
+
+OPTIMISERS = ("adam", "lbfgs")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of the schedule.
+
+    Attributes:
+        optimiser: `adam` or `lbfgs`.
+        steps: evaluations per problem at most.
+        penalty: penalty mu of the constraints in this stage.
+        rate: rate of Adam, in solver units.
+        scaled: L-BFGS works in the variables in which the Gauss-Newton matrix at the stage's start is the identity.
+    """
+
+    optimiser: str
+    steps: int
+    penalty: float
+    rate: float = 0.03
+    scaled: bool = True
+
+    def __post_init__(self) -> None:
+        if self.optimiser not in OPTIMISERS:
+            raise ValueError(f"unknown optimiser {self.optimiser!r}: allowed are {', '.join(OPTIMISERS)}")
+        if self.steps < 0 or not self.penalty > 0:
+            raise ValueError(f"a stage needs steps >= 0 and penalty > 0, got {self.steps} and {self.penalty}")
+
+
+class Anneal:
+    """Runs its stages in turn; after each L-BFGS stage the multipliers take over what the penalty held.
+
+    Args:
+        stages: the schedule (`Stage`s or mappings with their fields).
+        tolerance: relative change of the value at which a stage of L-BFGS has converged.
+    """
+
+    def __init__(self, stages: Sequence[Stage | dict], tolerance: float = 1e-7):
+        self.stages = [s if isinstance(s, Stage) else Stage(**s) for s in stages]
+        self.tolerance = tolerance
+
+    def solve(self, objective: Objective, start: Float[Tensor, "batch size"], callback: Callback | None) -> Solution:
+        """Minimise every problem of the objective from its start. Problems that diverge are frozen where they were last finite."""
+        place = start.clone()
+        batch = len(start)
+        diverged = torch.zeros(batch, dtype=torch.bool, device=start.device)
+        converged = torch.zeros_like(diverged)
+        evaluations = torch.zeros(batch, dtype=torch.long, device=start.device)
+        multipliers: dict[str, Tensor] = {}
+        total, done = sum(s.steps for s in self.stages), 0
+        for number, stage in enumerate(self.stages):
+            live = (~diverged).nonzero()[:, 0]
+            if len(live) == 0:
+                break
+            pressure = Pressure(stage.penalty, {k: v[live] for k, v in multipliers.items()})
+            watch = _Watch(objective.select(live), pressure, callback, f"{number + 1} {stage.optimiser}", done, total)
+            if stage.optimiser == "adam":
+                place[live], bad = adam.descend(
+                    lambda p: watch.evaluate(p, None), place[live], stage.steps, stage.rate, callback=watch.report
+                )
+                evaluations[live] += stage.steps
+            else:
+                ending = self._lbfgs(watch, place[live], stage)
+                place[live], bad = ending.place, ending.diverged
+                converged[live] = ending.converged
+                evaluations[live] += ending.evaluations
+                shape = watch.objective.cup.shape_of(place[live])
+                for name, value in watch.objective.constraints(shape).items():
+                    kept = multipliers.setdefault(name, value.new_zeros(batch, value.shape[1]))
+                    kept[live] += stage.penalty * value.detach()
+            diverged[live] |= bad
+            done += stage.steps
+        live = (~diverged).nonzero()[:, 0]
+        if len(live):
+            pressure = Pressure(self.stages[-1].penalty, {k: v[live] for k, v in multipliers.items()})
+            place[live] = close(objective.select(live), place[live], pressure)
+        codes = [
+            ResultCode.DIVERGED if d else ResultCode.CONVERGED if c else ResultCode.STEP_LIMIT
+            for d, c in zip(diverged.tolist(), converged.tolist())
+        ]
+        return Solution(place, codes, evaluations, Pressure(self.stages[-1].penalty, multipliers))
+
+    def _lbfgs(self, watch: "_Watch", place: Tensor, stage: Stage) -> lbfgs.Minimum:
+        if not stage.scaled:
+            return lbfgs.minimise(
+                watch.evaluate, place, stage.steps, tolerance=self.tolerance, reach=0.01, callback=watch.report
+            )
+        transform = whitening(watch.objective.curvature(place, watch.pressure))
+
+        def scaled(z: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+            own = transform[index]
+            value, gradient = watch.evaluate(place[index] + (own * z[:, None, :]).sum(-1), index)
+            return value, (own * gradient[:, :, None]).sum(-2)
+
+        ending = lbfgs.minimise(
+            scaled, torch.zeros_like(place), stage.steps, tolerance=self.tolerance, reach=1.0, callback=watch.report
+        )
+        moved = place + (transform * ending.place[:, None, :]).sum(-1)
+        return lbfgs.Minimum(moved, ending.value, ending.converged, ending.diverged, ending.evaluations)
+
+
+def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pressure) -> Float[Tensor, "batch size"]:
+    """Fulfil the cup's closure equations to round-off by the least change, measured by the objective's Gauss-Newton matrix."""
+    cup = objective.cup
+
+    def closure(flat: Tensor) -> Tensor:
+        value = cup.closure(cup.shape_of(flat))
+        return flat.new_zeros(len(flat), 0) if value is None else value
+
+    if closure(place).shape[1] == 0:
+        return place
+    transform = whitening(objective.curvature(place, pressure))
+    for _ in range(3):
+        gap = closure(place)
+        jacobian = columns(lambda flat: (closure(flat),), place)[0].movedim(0, -1)
+        change = []
+        for j, w, g in zip(jacobian, transform, gap):
+            change.append(-w @ torch.linalg.lstsq(j @ w, g[:, None], driver="gelsd").solution[:, 0])
+        place = place + torch.stack(change)
+    return place
+
+
+def whitening(matrix: Float[Tensor, "batch size size"], damping: float = 1e-7) -> Float[Tensor, "batch size size"]:
+    """W with W^T A W = 1 for A = matrix + damping max(diag) 1; the identity where A is not positive definite or not finite."""
+    size = matrix.shape[-1]
+    identity = torch.eye(size, dtype=matrix.dtype, device=matrix.device)
+    result = []
+    for a in matrix:  # one at a time, so that rounding does not depend on the batch
+        factor, failed = torch.linalg.cholesky_ex(a + damping * a.diagonal().max() * identity)
+        usable = failed == 0 and bool(factor.isfinite().all())
+        result.append(torch.linalg.solve_triangular(factor, identity, upper=False).mT if usable else identity)
+    return torch.stack(result)
+
+
+class _Watch:
+    """Evaluates the live problems of a stage and tells the callback what it saw."""
+
+    def __init__(
+        self, objective: Objective, pressure: Pressure, callback: Callback | None, stage: str, done: int, total: int
+    ):
+        self.objective, self.pressure = objective, pressure
+        self._callback, self._stage, self._done, self._total = callback, stage, done, total
+        self._subset: tuple[Tensor, Objective, Pressure] | None = None
+        self._seen: Evaluation | None = None
+
+    def evaluate(self, place: Tensor, index: Tensor | None) -> tuple[Tensor, Tensor]:
+        objective, pressure = self.objective, self.pressure
+        if index is not None and len(index) < objective.cup.batch:
+            if self._subset is None or not torch.equal(self._subset[0], index):
+                self._subset = index, objective.select(index), pressure.select(index)
+            _, objective, pressure = self._subset
+        self._seen = objective.evaluate(place, pressure)
+        return self._seen.value, self._seen.gradient
+
+    def report(self, count: int) -> None:
+        if self._callback is not None and self._seen is not None:
+            terms = {"objective": self._seen.value, **self._seen.terms}
+            self._callback(Step(self._stage, self._done + count, self._total, terms))

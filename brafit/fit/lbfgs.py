@@ -1,0 +1,187 @@
+"""Batched L-BFGS: every problem has its own step, line search, history and end.
+
+The problems run asynchronously: with each evaluation every problem either takes its own next step or tries another length of the
+present one (bracketing for the weak Wolfe conditions, Lewis and Overton 2013), so none waits for another, and none can
+touch another: all arithmetic is elementwise in the batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+Flat = Float[Tensor, "batch size"]
+Function = Callable[[Flat, Int[Tensor, " active"]], tuple[Float[Tensor, " batch"], Flat]]
+"""(places, which problems they belong to) -> (values, gradients)"""
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where B minimisations ended."""
+
+    place: Flat
+    value: Float[Tensor, " batch"]
+    converged: Bool[Tensor, " batch"]
+    diverged: Bool[Tensor, " batch"]
+    evaluations: Int[Tensor, " batch"]
+
+
+@dataclass
+class _State:
+    """Per problem: the accepted place, the trial, the bracket of the line search, the curvature pairs (newest last)."""
+
+    index: Tensor
+    place: Tensor
+    value: Tensor
+    gradient: Tensor
+    direction: Tensor
+    slope: Tensor
+    step: Tensor
+    low: Tensor
+    high: Tensor
+    moves: Tensor
+    changes: Tensor
+    curvature: Tensor
+    quiet: Tensor
+
+    def select(self, keep: Tensor) -> "_State":
+        return _State(*(v[keep] for v in vars(self).values()))
+
+
+def _inner(a: Tensor, b: Tensor) -> Tensor:
+    return (a * b).sum(-1)
+
+
+def _direction(state: _State) -> Tensor:
+    """-H g by the two-loop recursion over the pairs whose curvature is positive (others are skipped)."""
+    q = state.gradient
+    history = state.moves.shape[1]
+    factors = []
+    for k in reversed(range(history)):
+        s, y, rho = state.moves[:, k], state.changes[:, k], state.curvature[:, k]
+        a = rho * _inner(s, q)
+        factors.append(a)
+        q = q - a[:, None] * y
+    newest_s, newest_y = state.moves[:, -1], state.changes[:, -1]
+    yy = _inner(newest_y, newest_y)
+    known = state.curvature[:, -1] > 0
+    gamma = torch.where(known, _inner(newest_s, newest_y) / torch.where(known, yy, 1.0), 1.0)
+    q = q * gamma[:, None]
+    for k in range(history):
+        s, y, rho = state.moves[:, k], state.changes[:, k], state.curvature[:, k]
+        b = rho * _inner(y, q)
+        q = q + (factors[history - 1 - k] - b)[:, None] * s
+    return -q
+
+
+def minimise(
+    function: Function,
+    start: Flat,
+    steps: int,
+    *,
+    tolerance: float = 1e-9,
+    history: int = 12,
+    reach: float = 1.0,
+    callback: Callable[[int], None] | None = None,
+) -> Minimum:
+    """Minimise B functions from B starts.
+
+    A problem has converged when two steps running lower its value by less than `tolerance` of it, or when its line search can find no
+    lower value at the precision of its arithmetic. Converged and diverged problems are no longer evaluated.
+
+    Args:
+        function: values and gradients for a subset of the problems.
+        start: starting places.
+        steps: evaluations per problem at most.
+        reach: longest first step, in units of the variables.
+    """
+    batch = len(start)
+    everything = torch.arange(batch, device=start.device)
+    value, gradient = function(start, everything)
+    place_out, value_out = start.clone(), value.clone()
+    converged = torch.zeros(batch, dtype=torch.bool, device=start.device)
+    diverged = ~(value.isfinite() & gradient.isfinite().all(-1))
+    evaluations = torch.ones(batch, dtype=torch.long, device=start.device)
+    pairs = start.new_zeros(batch, history, start.shape[1])
+
+    def first_step(gradient: Tensor) -> Tensor:
+        return (reach / gradient.norm(dim=-1).clamp_min(1e-300)).clamp_max(1.0)
+
+    state = _State(
+        index=everything,
+        place=start,
+        value=value,
+        gradient=gradient,
+        direction=-gradient,
+        slope=-_inner(gradient, gradient),
+        step=first_step(gradient),
+        low=torch.zeros_like(value),
+        high=torch.full_like(value, torch.inf),
+        moves=pairs,
+        changes=pairs.clone(),
+        curvature=start.new_zeros(batch, history),
+        quiet=torch.zeros_like(everything),
+    ).select(~diverged)
+    for count in range(steps):
+        if len(state.index) == 0:
+            break
+        if callback is not None:
+            callback(count)
+        trial = state.place + state.step[:, None] * state.direction
+        value, gradient = function(trial, state.index)
+        evaluations[state.index] += 1
+        finite = value.isfinite() & gradient.isfinite().all(-1)
+        value = torch.where(finite, value, torch.inf)
+        gradient = torch.where(finite[:, None], gradient, 0.0)
+        slope = _inner(gradient, state.direction)
+        too_high = ~(value <= state.value + 1e-4 * state.step * state.slope)
+        too_steep = ~too_high & (slope < 0.9 * state.slope)
+        accepted = ~too_high & ~too_steep
+
+        # line search: shrink between the bracket's ends, or double where there is no upper end
+        state.high = torch.where(too_high, state.step, state.high)
+        state.low = torch.where(too_steep, state.step, state.low)
+        bracketed = state.high.isfinite()
+        middle = 0.5 * (state.low + torch.where(bracketed, state.high, 0.0))
+        next_step = torch.where(bracketed, middle, 2 * state.step)
+        size = state.place.abs().amax(-1) + 1
+        tiny = (state.step * state.direction.abs().amax(-1)) < torch.finfo(value.dtype).eps * size
+        stuck = ~accepted & (tiny | (next_step == state.step))
+
+        move, change = trial - state.place, gradient - state.gradient
+        bend = _inner(move, change)
+        useful = accepted & (bend > 1e-12 * move.norm(dim=-1) * change.norm(dim=-1))
+
+        def push(stack: Tensor, new: Tensor) -> Tensor:
+            shifted = torch.cat((stack[:, 1:], new[:, None]), dim=1)
+            return torch.where(useful.view(-1, *[1] * (stack.dim() - 1)), shifted, stack)
+
+        state.moves, state.changes = push(state.moves, move), push(state.changes, change)
+        state.curvature = push(state.curvature, 1 / torch.where(useful, bend, 1.0))
+        small = (state.value - value) <= tolerance * value.abs()
+        state.quiet = torch.where(accepted, torch.where(small, state.quiet + 1, 0), state.quiet)
+        state.place = torch.where(accepted[:, None], trial, state.place)
+        state.gradient = torch.where(accepted[:, None], gradient, state.gradient)
+        state.value = torch.where(accepted, value, state.value)
+        direction = _direction(state)
+        descent = _inner(direction, state.gradient)
+        uphill = ~(descent < 0)
+        direction = torch.where(uphill[:, None], -state.gradient, direction)
+        descent = torch.where(uphill, -_inner(state.gradient, state.gradient), descent)
+        state.direction = torch.where(accepted[:, None], direction, state.direction)
+        state.slope = torch.where(accepted, descent, state.slope)
+        fresh = torch.where(uphill, first_step(state.gradient), 1.0)
+        state.step = torch.where(accepted, fresh, next_step)
+        state.low = torch.where(accepted, 0.0, state.low)
+        state.high = torch.where(accepted, torch.inf, state.high)
+
+        place_out[state.index], value_out[state.index] = state.place, state.value
+        done = stuck | (state.quiet >= 2) | (state.slope == 0)
+        converged[state.index] = done
+        if done.any():
+            state = state.select(~done)
+    return Minimum(place_out, value_out, converged, diverged, evaluations)

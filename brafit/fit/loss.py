@@ -1,0 +1,61 @@
+"""Losses as functions rho of a squared residual, with their slopes (the weights of Gauss-Newton)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import torch
+from torch import Tensor
+
+Loss = Callable[[Tensor], tuple[Tensor, Tensor]]
+"""squared residual -> (rho, d rho / d squared)"""
+
+
+def square(squared: Tensor) -> tuple[Tensor, Tensor]:
+    return squared, torch.ones_like(squared)
+
+
+def smooth_absolute(squared: Tensor, width: Tensor | float) -> tuple[Tensor, Tensor]:
+    """|r|, rounded off within `width` of zero: the unsquared distance of (31), made differentiable."""
+    root = (squared + width**2).sqrt()
+    return root - width, 0.5 / root
+
+
+def cauchy(squared: Tensor, width: Tensor | float) -> tuple[Tensor, Tensor]:
+    """Quadratic within `width`, logarithmic beyond: outliers lose their pull."""
+    ratio = 1 + squared / width**2
+    return width**2 * torch.log(ratio), 1 / ratio
+
+
+def fuzzy(squared: Tensor, strength: float, sharpness: Tensor | float, widths: float = 2.0) -> tuple[Tensor, Tensor]:
+    """The fuzzy condition (42), k1 exp(k2 r^2) - k1 with k1 = strength, k2 = sharpness.
+
+    Beyond `widths` / sqrt(k2) it goes on as the tangent line in |r|, so that it cannot overflow.
+    """
+    sharpness = torch.as_tensor(sharpness, dtype=squared.dtype, device=squared.device)
+    edge = widths / sharpness.sqrt()
+    inside = squared < edge**2
+    near = strength * torch.exp(sharpness * torch.where(inside, squared, 0.0))
+    top = strength * torch.exp(torch.as_tensor(widths**2, dtype=squared.dtype))
+    rise = 2 * sharpness * edge * top
+    radius = torch.where(inside, edge**2, squared).sqrt()
+    far = top + rise * (radius - edge)
+    value = torch.where(inside, near, far) - strength
+    return value, torch.where(inside, sharpness * near, 0.5 * rise / radius)
+
+
+def point_loss(kind: str, width: Tensor | float) -> Loss:
+    """The loss of the points: `l1` (31), `l2`, or `robust` (Cauchy).
+
+    Raises:
+        ValueError: another name.
+    """
+    losses: dict[str, Loss] = {
+        "l1": partial(smooth_absolute, width=width),
+        "l2": square,
+        "robust": partial(cauchy, width=width),
+    }
+    if kind not in losses:
+        raise ValueError(f"unknown point loss {kind!r}: allowed are {', '.join(losses)}")
+    return losses[kind]

@@ -1,0 +1,96 @@
+"""The figures of a finished cup, measured from its output edges rather than from the model's own derivatives."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from brafit.cup.condition import nearest_on_polyline, polyline_points
+from brafit.cup.shape import CupShape
+from brafit.geometry.developable import dot, regularity, rib_angle, twist_angle
+from brafit.geometry.development import FlatPanel, arc_lengths, develop
+from brafit.geometry.grid import sliding_derivative
+from brafit.geometry.nearest import nearest_feet, signed_distance
+
+_ENDS = 0.02
+"""Share of the stations at either end where panels shrink to cusps and a ruling's twist means nothing."""
+
+
+def flat_panels(shape: CupShape) -> FlatPanel:
+    """All panels of a cup laid flat, (20)-(25), with a leading dimension of panels."""
+    lower = shape.tangents[..., :-1, :, :]
+    rib = rib_angle(lower, shape.directions)
+    return develop(shape.stations, lower.norm(dim=-1), shape.geodesic, rib, shape.lengths)
+
+
+def point_distances(points: Float[Tensor, "n 3"], shape: CupShape) -> Float[Tensor, " n"]:
+    """Signed distances of points to one cup, positive outside."""
+    feet = nearest_feet(points, shape.edges, shape.tangents, shape.stations, iterations=8)
+    return signed_distance(points, shape.edges, shape.tangents, shape.stations, feet)
+
+
+def figures_of(
+    shape: CupShape,
+    flat: FlatPanel,
+    distances: Float[Tensor, " n"],
+    neckline: Float[Tensor, "m 3"] | None,
+    wire: Float[Tensor, "k 3"],
+    smoothing: float,
+) -> dict[str, float]:
+    """The measured figures of one cup in millimetres, degrees and ratios, by their names in `fit.json`.
+
+    Args:
+        shape: one cup (no batch dimension), mm.
+        flat: its panels laid flat.
+        distances: from `point_distances`.
+        neckline: the wanted upper edge; `upper_edge_mm` is nan without it.
+        wire: the smooth wire, densely sampled.
+        smoothing: distance of the given wire points from it.
+    """
+    stations, edges = shape.stations, shape.edges
+    size = distances.abs()
+    tangents = sliding_derivative(edges, stations)
+    margin = math.ceil(_ENDS * (stations.shape[0] - 1))
+    inner = slice(margin, -margin)
+    lower, upper, ruling = tangents[:-1, inner], tangents[1:, inner], shape.directions[:, inner]
+    twist = torch.rad2deg(twist_angle(lower, upper, ruling)).max()
+    lengths = arc_lengths(edges, stations)[:, -1]
+    flat_lower, flat_upper = arc_lengths(flat.lower, stations)[:, -1], arc_lengths(flat.upper, stations)[:, -1]
+    flat_rulings = (flat.upper - flat.lower).norm(dim=-1)
+    changes = ((flat_lower - lengths[:-1]).abs(), (flat_upper - lengths[1:]).abs(), (flat_rulings - shape.lengths).abs())
+    seams = (flat_upper[:-1] - flat_lower[1:]).abs()
+    return {
+        "rms_mm": size.square().mean().sqrt().item(),
+        "mean_mm": size.mean().item(),
+        "p95_mm": torch.quantile(size, 0.95).item() if len(size) < 2**24 else size.sort().values[-len(size) // 20].item(),
+        "max_mm": size.max().item(),
+        "upper_edge_mm": math.nan if neckline is None else _upper_edge(edges[-1], neckline),
+        "wire_length_mm": lengths[0].item(),
+        "wire_smoothing_mm": smoothing,
+        "wire_drift_mm": _distance(_between(shape), wire).max().item(),
+        "twist_deg_max": twist.item(),
+        "regularity_min": regularity(shape.tangents[:-1], shape.tangents[1:], shape.directions).min().item(),
+        "isometry_mm": max(c.max().item() for c in changes),
+        "seam_mismatch_mm": seams.max().item() if len(seams) else 0.0,
+    }
+
+
+def _distance(points: Tensor, line: Tensor) -> Tensor:
+    segment, place = nearest_on_polyline(points[None], line[None])
+    delta = points - polyline_points(line[None], segment, place)[0]
+    return dot(delta, delta).sqrt()
+
+
+def _upper_edge(edge: Tensor, neckline: Tensor) -> float:
+    """Mean distance between upper edge and neckline, both ways."""
+    return 0.5 * (_distance(edge, neckline).mean() + _distance(neckline, edge).mean()).item()
+
+
+def _between(shape: CupShape) -> Tensor:
+    """The cup's wire edge at its stations and in the middle between them, as its consumers interpolate it."""
+    x, v, h = shape.edges[0], shape.tangents[0], shape.stations.diff()[:, None]
+    middle = 0.5 * (x[:-1] + x[1:]) + h / 8 * (v[:-1] - v[1:])
+    return torch.cat((x, middle))

@@ -1,0 +1,13 @@
+"""How a fit ended."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class ResultCode(Enum):
+    """Outcome of one problem of a batch; the value is its reason in words."""
+
+    CONVERGED = "converged"
+    STEP_LIMIT = "stopped at the step limit before it converged"
+    DIVERGED = "diverged: the objective is not a finite number"

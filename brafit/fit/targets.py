@@ -1,0 +1,102 @@
+"""What a cup is fitted to: one scan, and a batch of them in solver units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+_NECKLINE_SAMPLES = 81
+
+
+@dataclass(frozen=True)
+class Target:
+    """One scan in its cup frame, millimetres.
+
+    Attributes:
+        name: name of the scan.
+        points: the cloud to fit.
+        wire: points along the wire, inner end first.
+        neckline: points along the wanted upper edge, inner end first, or None.
+        strap_point: where the strap is to be sewn on (the connection point X_C), or None.
+        apex: the bust point, or None.
+    """
+
+    name: str
+    points: Float[np.ndarray, "n 3"]
+    wire: Float[np.ndarray, "k 3"]
+    neckline: Float[np.ndarray, "m 3"] | None = None
+    strap_point: Float[np.ndarray, "3"] | None = None
+    apex: Float[np.ndarray, "3"] | None = None
+
+
+@dataclass(frozen=True)
+class Targets:
+    """B targets in solver units. Clouds of different size are padded with points of weight 0.
+
+    Attributes:
+        points, weights: clouds and the weight of each point; the weights of a cloud sum to 1.
+        neckline, has_neckline: evenly spaced points of the wanted upper edge, and whether there is one.
+        connection, has_connection: connection point.
+        apex, has_apex: bust point.
+        scale: millimetres per solver unit.
+    """
+
+    points: Float[Tensor, "batch points 3"]
+    weights: Float[Tensor, "batch points"]
+    neckline: Float[Tensor, "batch m 3"]
+    has_neckline: Bool[Tensor, " batch"]
+    connection: Float[Tensor, "batch 3"]
+    has_connection: Bool[Tensor, " batch"]
+    apex: Float[Tensor, "batch 3"]
+    has_apex: Bool[Tensor, " batch"]
+    scale: Float[Tensor, " batch"]
+
+    def select(self, index: Tensor) -> "Targets":
+        """The targets with these batch indices (repetitions allowed)."""
+        return Targets(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    @staticmethod
+    def stack(targets: Sequence[Target], scale: Float[Tensor, " batch"]) -> "Targets":
+        """A batch, with `scale` millimetres to a solver unit; dtype and device follow `scale`."""
+
+        def tensor(values: object) -> Tensor:
+            return torch.as_tensor(np.asarray(values), dtype=scale.dtype, device=scale.device)
+
+        def optional(values: list[np.ndarray | None], default: np.ndarray) -> tuple[Tensor, Tensor]:
+            has = torch.tensor([v is not None for v in values], device=scale.device)
+            return tensor([default if v is None else v for v in values]), has
+
+        counts = [len(t.points) for t in targets]
+        points = np.zeros((len(targets), max(counts), 3))
+        weights = np.zeros(points.shape[:2])
+        for row, (target, count) in enumerate(zip(targets, counts)):
+            points[row, :count], weights[row, :count] = target.points, 1 / count
+        lines = [None if t.neckline is None else resample(t.neckline, _NECKLINE_SAMPLES) for t in targets]
+        neckline, has_neckline = optional(lines, np.zeros((_NECKLINE_SAMPLES, 3)))
+        connection, has_connection = optional([t.strap_point for t in targets], np.zeros(3))
+        apex, has_apex = optional([t.apex for t in targets], np.zeros(3))
+        unit = scale[:, None]
+        return Targets(
+            points=tensor(points) / unit[..., None],
+            weights=tensor(weights),
+            neckline=neckline / unit[..., None],
+            has_neckline=has_neckline,
+            connection=connection / unit,
+            has_connection=has_connection,
+            apex=apex / unit,
+            has_apex=has_apex,
+            scale=scale,
+        )
+
+
+def resample(line: Float[np.ndarray, "k 3"], count: int) -> Float[np.ndarray, "count 3"]:
+    """Points evenly spaced by arc length along a polyline, ends included."""
+    line = np.asarray(line, dtype=np.float64)
+    arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    even = np.linspace(0, arc[-1], count)
+    return np.stack([np.interp(even, arc, column) for column in line.T], axis=1)

@@ -1,0 +1,107 @@
+"""Developable panels between two edges: rib angle, rates, twist, regularity, (11)-(19) corrected.
+
+Along an edge: T the unit tangent (zeta), d the unit ruling direction, xi the unit vector across the panel in its tangent
+plane, eta = zeta x xi the normal, so that xi = eta x zeta and d = -zeta sin(alpha) + xi cos(alpha).
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+Vectors = Float[Tensor, "*batch n 3"]
+Values = Float[Tensor, "*batch n"]
+
+
+def dot(a: Tensor, b: Tensor) -> Tensor:
+    return (a * b).sum(-1)
+
+
+def unit(v: Tensor) -> Tensor:
+    """v / |v|; a zero vector stays zero, with zero gradient."""
+    squared = dot(v, v)[..., None]
+    zero = squared == 0
+    return torch.where(zero, torch.zeros_like(v), v / torch.where(zero, torch.ones_like(squared), squared).sqrt())
+
+
+def rulings(lower: Vectors, upper: Vectors, lower_tangent: Vectors, upper_tangent: Vectors) -> Vectors:
+    """Unit ruling directions g / |g|, (14), from the lower to the upper edge.
+
+    Where the edges meet (the two ends) the ruling has no direction of its own; its limit is that of the difference of the tangents
+    d edge / ds, pointing into the panel.
+    """
+    g = upper - lower
+    change = upper_tangent - lower_tangent
+    inner = g[..., 1:-1, :]
+    g = torch.cat((change[..., :1, :], inner, -change[..., -1:, :]), dim=-2)
+    return unit(g)
+
+
+def rib_angle(tangent: Vectors, direction: Vectors) -> Values:
+    """alpha in radians, (18): positive where the ruling leans back against the edge's direction."""
+    return -torch.asin(dot(unit(tangent), direction).clamp(-1, 1))
+
+
+def rib_angle_from_omega(omega: Vectors) -> Values:
+    """alpha with tan(alpha) = -omega_zeta / omega_xi, (12), in (-pi/2, pi/2)."""
+    xi, _, zeta = omega.unbind(-1)
+    return torch.atan2(-zeta * torch.sign(xi), xi.abs())
+
+
+def across(tangent: Vectors, direction: Vectors) -> Vectors:
+    """xi: the unit vector in the panel's tangent plane at right angles to the edge, on the panel's side."""
+    t = unit(tangent)
+    return unit(direction - dot(t, direction)[..., None] * t)
+
+
+def normals(tangent: Vectors, direction: Vectors) -> Vectors:
+    """eta = zeta x xi, the unit surface normal."""
+    return unit(torch.linalg.cross(tangent, direction))
+
+
+def omega_from_edge(tangent: Vectors, curvature: Vectors, direction: Vectors) -> Vectors:
+    """Rates omega of the Darboux frame along an edge whose panel's rulings are `direction`, (19) corrected.
+
+    Args:
+        tangent: edge tangents (any length).
+        curvature: curvature vector of the edge, d zeta / d arc length.
+        direction: unit ruling directions.
+    """
+    zeta = unit(tangent)
+    alpha = rib_angle(tangent, direction)
+    bend = dot(torch.linalg.cross(curvature, zeta), direction) / torch.cos(alpha)
+    return torch.stack((-bend, dot(curvature, direction) / torch.cos(alpha), bend * torch.tan(alpha)), dim=-1)
+
+
+def geodesic_curvature(tangent: Vectors, curvature: Vectors, direction: Vectors) -> Values:
+    """omega_eta = curvature . xi: the curvature that the edge keeps when the panel is laid flat."""
+    return dot(curvature, across(tangent, direction))
+
+
+def curvature_vector(tangent: Vectors, second: Vectors) -> Vectors:
+    """d zeta / d arc length from the first and second derivatives of a curve by any parameter."""
+    squared = dot(tangent, tangent)[..., None]
+    along = dot(second, tangent)[..., None] / squared
+    return (second - along * tangent) / squared
+
+
+def twist_determinant(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vectors) -> Values:
+    """det(zeta_a, zeta_b, d), (17) with unit vectors: zero where the panel is developable."""
+    return dot(torch.linalg.cross(unit(lower_tangent), unit(upper_tangent)), direction)
+
+
+def twist_angle(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vectors) -> Values:
+    """Angle in radians between the surface normals at the two ends of a ruling."""
+    a, b = normals(lower_tangent, direction), normals(upper_tangent, direction)
+    return torch.atan2(torch.linalg.cross(a, b).norm(dim=-1), dot(a, b))
+
+
+def regularity(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vectors) -> Values:
+    """Margin A(t_max) / A(0) of formulation section 4.5: how far the rulings are from crossing inside the panel.
+
+    A(t) is the speed of the surface point at t across the ruling as s grows; it is linear in t. 1 for parallel rulings (a cylinder),
+    0 where the upper edge touches the edge of regression, negative where rulings cross. Tangents are by the common parameter s.
+    """
+    d_max = torch.linalg.cross(direction, normals(lower_tangent, direction))
+    return dot(upper_tangent, d_max) / dot(lower_tangent, d_max)

@@ -1,0 +1,89 @@
+"""Linear operators on functions sampled at given points: derivative, integral, interpolation.
+
+The operators are small dense matrices, made once in float64 with NumPy and cast to what the caller works in.
+Chebyshev points give spectral accuracy; for arbitrary points, sliding polynomials of a fixed degree.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy.polynomial import chebyshev
+from torch import Tensor
+
+
+def like(matrix: np.ndarray, other: Tensor) -> Tensor:
+    """A NumPy array as a tensor of the dtype and device of `other`."""
+    return torch.as_tensor(matrix, dtype=other.dtype, device=other.device)
+
+
+@lru_cache
+def chebyshev_points(n: int) -> np.ndarray:
+    """The n Chebyshev-Lobatto points of [-1, 1], increasing."""
+    return -np.cos(np.pi * np.arange(n) / (n - 1))
+
+
+@lru_cache
+def chebyshev_analysis(n: int) -> np.ndarray:
+    """(n, n): values at the Chebyshev points -> Chebyshev coefficients."""
+    return np.linalg.inv(chebyshev.chebvander(chebyshev_points(n), n - 1))
+
+
+def chebyshev_synthesis(terms: int, x: np.ndarray, derivative: int = 0) -> np.ndarray:
+    """(len(x), terms): Chebyshev coefficients -> values (or derivatives by x) at x in [-1, 1]."""
+    basis = np.eye(terms)
+    if derivative:
+        basis = chebyshev.chebder(basis, derivative, axis=0)
+    return chebyshev.chebvander(x, len(basis) - 1) @ basis
+
+
+@lru_cache
+def chebyshev_derivative(n: int) -> np.ndarray:
+    """(n, n): values at the Chebyshev points -> derivatives there. Rows sum to zero, so constants vanish exactly."""
+    d = chebyshev_synthesis(n, chebyshev_points(n), 1) @ chebyshev_analysis(n)
+    return d - np.diag(d.sum(1))
+
+
+@lru_cache
+def chebyshev_integral(n: int) -> np.ndarray:
+    """(n, n): values at the Chebyshev points -> integral from -1 to each point."""
+    coefficients = chebyshev.chebint(np.eye(n), lbnd=-1, axis=0)
+    return chebyshev.chebvander(chebyshev_points(n), n) @ coefficients @ chebyshev_analysis(n)
+
+
+@lru_cache
+def _sliding(points: tuple[float, ...], width: int) -> tuple[np.ndarray, np.ndarray]:
+    x = np.asarray(points)
+    n = len(x)
+    width = min(width, n)
+    derivative, integral = np.zeros((n, n)), np.zeros((n, n))
+    for k in range(n):
+        first = min(max(k - width // 2, 0), n - width)
+        window = slice(first, first + width)
+        centre, scale = x[k], np.ptp(x[window])
+        powers = np.vander((x[window] - centre) / scale, width, increasing=True)
+        derivative[k, window] = np.linalg.inv(powers)[1] / scale
+    for k in range(n - 1):
+        first = min(max(k + 1 - width // 2, 0), n - width)
+        window = slice(first, first + width)
+        centre, scale = x[k], np.ptp(x[window])
+        powers = np.vander((x[window] - centre) / scale, width, increasing=True)
+        end = (x[k + 1] - centre) / scale
+        moments = end ** np.arange(1, width + 1) / np.arange(1, width + 1) * scale
+        integral[k + 1 :, window] += moments @ np.linalg.inv(powers)
+    return derivative, integral
+
+
+def sliding_derivative(values: Float[Tensor, "*batch n k"], x: Float[Tensor, " n"]) -> Float[Tensor, "*batch n k"]:
+    """d values / dx at the samples, by sliding polynomials through eight of them: local error of order h^7."""
+    matrix = _sliding(tuple(x.tolist()), 8)[0]
+    return torch.einsum("ij,...jk->...ik", like(matrix, values), values)
+
+
+def sliding_integral(values: Float[Tensor, "*batch n k"], x: Float[Tensor, " n"]) -> Float[Tensor, "*batch n k"]:
+    """Integral of the samples from x[0] to each x, by sliding polynomials through eight of them: order h^8."""
+    matrix = _sliding(tuple(x.tolist()), 8)[1]
+    return torch.einsum("ij,...jk->...ik", like(matrix, values), values)
