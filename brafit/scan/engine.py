@@ -63,7 +63,8 @@ class Messages:
         """The messages, one a line, without colours and the sender's name."""
         plain = re.sub(r"\x1b\[[0-9;]*m", "", self.text)
         plain = re.sub(r"^(\[Open3D \w+\]|RPly:) *", "", plain, flags=re.MULTILINE)
-        return [line.strip() for line in plain.splitlines() if line.strip()]
+        printable = ("".join(c if c.isprintable() else "?" for c in line).strip() for line in plain.splitlines())
+        return [line for line in printable if line]
 
 
 @contextmanager

@@ -1,7 +1,8 @@
-"""Reading point clouds: PLY and PCD through Open3D's tensor interface, plain text by NumPy."""
+"""Reading point clouds: PLY through Open3D's tensor interface; PCD and plain text by NumPy."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,9 @@ from jaxtyping import Bool, Float
 
 from brafit.errors import InputError
 from brafit.scan.engine import listening, open3d
+from brafit.scan.pcd import read_pcd
 from brafit.scan.text import TEXT_FORMATS, read_text
 
-FORMATS = frozenset({".ply", ".pcd"}) | TEXT_FORMATS
-"""Extensions of the clouds that are read, in lower case."""
 MIN_POINTS = 100
 FLAG = "inside"
 
@@ -51,7 +51,8 @@ def read_cloud(path: str | Path) -> Cloud:
     path = Path(path)
     _check_file(path)
     columns = _read(path)
-    points = columns["positions"].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # NaNs are reported below
+        points = columns["positions"].astype(np.float64)
     _check_points(path, points)
     normals = columns.get("normals")
     flag = columns.get(FLAG)
@@ -83,7 +84,7 @@ def _check_file(path: Path) -> None:
 def _read(path: Path) -> dict[str, np.ndarray]:
     """The cloud's columns by name."""
     try:
-        columns = read_text(path) if path.suffix.lower() in TEXT_FORMATS else _read_open3d(path)
+        columns = _READERS[path.suffix.lower()](path)
     except ValueError as error:
         raise InputError(path, f"cannot be read as a cloud, it is damaged or cut off ({error})", _COMPLETE) from None
     except OSError as error:
@@ -93,10 +94,10 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     return columns
 
 
-def _read_open3d(path: Path) -> dict[str, np.ndarray]:
-    """The columns of a PLY or PCD file; ValueError with a short reason if it is damaged.
+def _read_ply(path: Path) -> dict[str, np.ndarray]:
+    """The columns of a PLY file; ValueError with a short reason if it is damaged.
 
-    A damaged file makes Open3D say something and return a cloud that is empty, or of the promised size with arbitrary
+    A damaged PLY makes Open3D say something and return a cloud that is empty, or of the promised size with arbitrary
     numbers in it; so anything said about a failure counts as one.
     """
     o3d = open3d()
@@ -106,7 +107,7 @@ def _read_open3d(path: Path) -> dict[str, np.ndarray]:
             table: Any = o3d.t.io.read_point_cloud(str(path)).point
             columns = {name: table[name].numpy().copy() for name in table}
             trouble = ""
-        except (RuntimeError, KeyError) as error:
+        except (RuntimeError, KeyError, UnicodeDecodeError) as error:
             trouble = str(error)
     said = [line for line in messages.lines() if any(word in line.lower() for word in _FAILURES)]
     if said:
@@ -115,27 +116,16 @@ def _read_open3d(path: Path) -> dict[str, np.ndarray]:
         raise ValueError("it has no positions x, y, z")
     if trouble:
         raise ValueError("Open3D refuses it")
-    if path.suffix.lower() == ".pcd":
-        _check_ascii_pcd(path)
     return columns
 
 
-def _check_ascii_pcd(path: Path) -> None:
-    """Where the lines of an ASCII PCD end early, Open3D invents the rest in silence."""
-    with path.open("rb") as file:
-        promised = 0
-        for words in map(bytes.split, file):
-            if words[:1] == [b"POINTS"]:
-                promised = int(words[1])
-            if words[:1] == [b"DATA"]:
-                break
-        else:
-            return
-        if words[1:] != [b"ascii"]:
-            return
-        follow = sum(bool(line.strip()) for line in file)
-    if follow < promised:
-        raise ValueError(f"its header promises {promised} points, {follow} follow")
+_READERS: dict[str, Callable[[Path], dict[str, np.ndarray]]] = {
+    ".ply": _read_ply,
+    ".pcd": read_pcd,
+    **dict.fromkeys(TEXT_FORMATS, read_text),
+}
+FORMATS = frozenset(_READERS)
+"""Extensions of the clouds that are read, in lower case."""
 
 
 def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> None:

@@ -100,6 +100,46 @@ def test_files_cut_off(tmp_path, capfd):
     assert message(path, capfd).startswith("cannot be read as a cloud, it is damaged or cut off (")
 
 
+def write_pcd(path, points, coding="binary", promised=None):
+    n = len(points) if promised is None else promised
+    header = f"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {n}\nHEIGHT 1\nPOINTS {n}\n"
+    rows = points.astype("<f4")
+    body = rows.tobytes() if coding == "binary" else "\n".join(" ".join(map(str, row)) for row in rows).encode()
+    path.write_bytes(f"{header}DATA {coding}\n".encode() + body)
+    return path
+
+
+def test_pcd_files_whole_and_damaged(tmp_path, capfd):
+    path, points = tmp_path / "a.pcd", cup_frame_points(150)
+    for coding in ("binary", "ascii"):
+        np.testing.assert_allclose(read_cloud(write_pcd(path, points, coding)).points, points, rtol=1e-7)
+    damaged = "cannot be read as a cloud, it is damaged or cut off ("
+    write_pcd(path, points, "ascii", promised=200)
+    assert message(path, capfd) == (f"{damaged}its header promises 200 lines of 3 numbers, 150 lines follow). {COPY}")
+    write_pcd(path, points, promised=200)
+    assert message(path, capfd) == f"{damaged}its header promises 2400 bytes, 1800 follow). {COPY}"
+    whole = write_pcd(path, points).read_bytes()
+    for old, new in ((b"SIZE 4 4 4", b"SIZE 4 4"), (b"TYPE F F F", b"TYPE F F Q"), (b"POINTS 150", b"POINTS 15e")):
+        path.write_bytes(whole.replace(old, new))
+        assert " header " in message(path, capfd)
+    path.write_bytes(whole.replace(b"FIELDS x y z", b"FIELDS u v w"))
+    assert message(path, capfd) == f"{damaged}it has no positions x, y, z). {COPY}"
+    path.write_bytes(b"VERSION 0.7\n")
+    assert message(path, capfd) == f"{damaged}its header has no line DATA). {COPY}"
+
+
+@pytest.mark.parametrize("options", [{}, {"write_ascii": True}, {"compressed": True}])
+def test_pcd_files_written_by_open3d(tmp_path, options):
+    o3d = engine.open3d()
+    table = o3d.t.io.read_point_cloud(str(sample_paths()[1]))
+    path = tmp_path / "a.pcd"
+    assert o3d.t.io.write_point_cloud(str(path), table, **options)
+    cloud, expected = read_cloud(path), read_cloud(sample_paths()[1])
+    atol = 1e-3 if options else 0
+    for name in ("points", "normals", "inside"):
+        np.testing.assert_allclose(getattr(cloud, name), getattr(expected, name), rtol=0, atol=atol)
+
+
 def test_clouds_that_are_empty_or_tiny(tmp_path, capfd):
     path = tmp_path / "a.ply"
     write_ply(path, np.zeros((0, 3)))
