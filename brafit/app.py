@@ -1,4 +1,7 @@
-"""The command `brafit`: settings in, results and an exit status out."""
+"""The command `brafit`: settings in, results and an exit status out.
+
+What computes is imported late, so that help and wrong settings are answered at once.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,11 @@ import shlex
 import shutil
 import sys
 import traceback
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import hydra
-import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.errors import InstantiationException
@@ -24,9 +27,11 @@ from brafit import __version__
 from brafit.atomic import write_text
 from brafit.config import check, explain, register, sources
 from brafit.errors import BrafitError, ConfigError
-from brafit.pipeline import NOTHING_RAN, Job, exit_status, run
 
-INTERRUPTED = 130
+if TYPE_CHECKING:
+    from brafit.pipeline import Job, Row
+
+ALL_OK, SOME_FAILED, NOTHING_RAN, INTERRUPTED = 0, 1, 2, 130
 _STATUSES = "BRAFIT_STATUSES"
 
 # What the callback below saw in this process: None while no job was begun, else the exit status.
@@ -66,7 +71,7 @@ class Statuses(Callback):
         _note(max(found, default=NOTHING_RAN))
 
 
-def _note(status: int) -> None:
+def _note(status: int | None) -> None:
     global _status
     _status = status
 
@@ -81,6 +86,7 @@ def main() -> None:
 
     With -m the highest of the jobs' statuses.
     """
+    _note(None)
     full = os.environ.get("HYDRA_FULL_ERROR") == "1"
     # Hydra prints its errors at length and exits with 1, unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
@@ -104,6 +110,8 @@ def _hydra(config: DictConfig) -> int:
     out = Path(HydraConfig.get().runtime.output_dir)
     try:
         check(config)
+        from brafit.pipeline import run
+
         write_text(out / "config.yaml", _settings_file(config))
         return exit_status(run(job_of(config, out), say=print))
     except BrafitError as error:
@@ -115,12 +123,23 @@ def _hydra(config: DictConfig) -> int:
     return NOTHING_RAN
 
 
+def exit_status(rows: Sequence[Row]) -> int:
+    """0: all rows are ok; 1: some failed; 2: not one scan came as far as a result."""
+    if all(row["status"] == "ok" for row in rows):
+        return ALL_OK
+    return SOME_FAILED if any(row.get("iterations") is not None for row in rows) else NOTHING_RAN
+
+
 def job_of(config: DictConfig, out: Path) -> Job:
     """The pipeline's job for a composed configuration whose results go to `out`.
 
     Raises:
         ConfigError: a group's settings are not what its `_target_` takes.
     """
+    import torch
+
+    from brafit.pipeline import Job
+
     settings = OmegaConf.to_container(config, resolve=True)
     assert isinstance(settings, dict)
     return Job(
@@ -136,7 +155,6 @@ def job_of(config: DictConfig, out: Path) -> Job:
         device=config.device,
         dtype=getattr(torch, config.dtype),
         threads=config.threads,
-        seed=config.seed,
         settings={str(key): value for key, value in settings.items()},
     )
 

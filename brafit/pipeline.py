@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import torch
 from tqdm import tqdm
@@ -21,15 +21,15 @@ from tqdm import tqdm
 from brafit import __version__
 from brafit.errors import InputError
 from brafit.fit import CupFit, ResultCode, Step, Target, fit_targets
-from brafit.pattern import Side, pieces_from_panels, write_svg
+from brafit.pattern import Piece, Side, pieces_from_panels, write_svg
+from brafit.report.figures import fit_figure, pattern_figure
 from brafit.report.mesh import write_cup_ply, write_points_ply
 from brafit.report.table import format_table, write_fit_json, write_summary
+from brafit.report.tensorboard import Recorder
 from brafit.scan import Scan, find_scans, load_scan, scan_names
 
 Row = dict[str, Any]
 """One scan's line of summary.csv, see `brafit.report.table.SUMMARY_KEYS`."""
-
-ALL_OK, SOME_FAILED, NOTHING_RAN = 0, 1, 2
 
 _RESULTS = ("patterns.svg", "cup.ply", "points.ply")
 _TABLE_ROWS = 60
@@ -50,7 +50,6 @@ class Job:
         batch: scans fitted at once.
         device, dtype: where and how precisely the fit computes.
         threads: CPU threads; None leaves PyTorch's number.
-        seed: of PyTorch's generator, set before every batch.
         settings: anything that says how to repeat the run; goes into every fit.json.
     """
 
@@ -66,7 +65,6 @@ class Job:
     device: str = "cpu"
     dtype: torch.dtype = torch.float64
     threads: int | None = None
-    seed: int = 0
     settings: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -93,21 +91,17 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     batches = [scans[i : i + job.batch] for i in range(0, len(scans), job.batch)]
     rows: list[Row] = []
     for number, batch in enumerate(batches, start=1):
-        rows += _run_batch(job, batch, f"batch {number}/{len(batches)}" if len(batches) > 1 else "fit")
+        several = len(batches) > 1
+        title = f"batch {number}/{len(batches)}" if several else "fit"
+        events = job.out / "tensorboard" / (f"batch_{number:04d}" if several else "")
+        rows += _run_batch(job, batch, title, events)
         write_summary(job.out / "summary.csv", rows)
     if say is not None:
         say(_closing(job, rows))
     return rows
 
 
-def exit_status(rows: Sequence[Row]) -> int:
-    """0: all rows are ok; 1: some failed; 2: not one scan came as far as a result."""
-    if all(row["status"] == "ok" for row in rows):
-        return ALL_OK
-    return SOME_FAILED if any(row.get("iterations") is not None for row in rows) else NOTHING_RAN
-
-
-def _run_batch(job: Job, batch: Sequence[tuple[str, Path]], title: str) -> list[Row]:
+def _run_batch(job: Job, batch: Sequence[tuple[str, Path]], title: str, events: Path) -> list[Row]:
     rows: dict[str, Row] = {}
     loaded: list[Scan] = []
     for name, path in batch:
@@ -117,39 +111,61 @@ def _run_batch(job: Job, batch: Sequence[tuple[str, Path]], title: str) -> list[
             rows[name] = _failed(job, name, str(error))
             tqdm.write(f"failed: {error}", file=sys.stderr)
     if loaded:
-        rows |= _fit_batch(job, loaded, title)
+        rows |= _fit_batch(job, loaded, title, events)
     for name, path in batch:
         if rows[name]["status"] == "failed":
             _write_failure(job, rows[name], path)
     return [rows[name] for name, _ in batch]
 
 
-def _fit_batch(job: Job, scans: Sequence[Scan], title: str) -> dict[str, Row]:
-    torch.manual_seed(job.seed)
-    try:
-        with _progress(title) as callback:
-            fits = fit_targets(
-                [_target(scan) for scan in scans],
-                job.cup,
-                job.solver,
-                job.condition,
-                restarts=job.restarts,
-                dtype=job.dtype,
-                device=job.device,
-                callback=callback,
-            )
-    except Exception as error:
-        reason = _unexpected(job, error, "the fit of its batch")
-        return {scan.name: _failed(job, scan.name, reason, scan) for scan in scans}
-    return {scan.name: _finish(job, scan, fit) for scan, fit in zip(scans, fits, strict=True)}
+def _fit_batch(job: Job, scans: Sequence[Scan], title: str, events: Path) -> dict[str, Row]:
+    for stale in events.glob("events.out.tfevents.*"):  # TensorBoard would draw both runs as one
+        stale.unlink()
+    with Recorder(events) as recorder:
+        try:
+            fits = _fit(job, scans, title, recorder)
+        except Exception as error:
+            reason = _unexpected(job, error, "the fit of its batch")
+            return {scan.name: _failed(job, scan.name, reason, scan) for scan in scans}
+        return {scan.name: _finish(job, scan, fit, recorder) for scan, fit in zip(scans, fits, strict=True)}
 
 
-def _finish(job: Job, scan: Scan, fit: CupFit) -> Row:
-    """The row of a fit; its files are written if it is ok."""
+def _fit(job: Job, scans: Sequence[Scan], title: str, recorder: Recorder) -> list[CupFit]:
+    last = 0
+    with _progress(title) as show:
+
+        def callback(step: Step) -> None:
+            nonlocal last
+            last = step.total
+            show(step)
+            recorder.step(step)
+
+        fits = fit_targets(
+            [_target(scan) for scan in scans],
+            job.cup,
+            job.solver,
+            job.condition,
+            restarts=job.restarts,
+            dtype=job.dtype,
+            device=job.device,
+            callback=callback,
+        )
+    figures = {key: torch.tensor([_number(fit.figures[key]) for fit in fits]) for key in fits[0].figures}
+    recorder.step(Step("result", last, last, figures))
+    return fits
+
+
+def _finish(job: Job, scan: Scan, fit: CupFit, recorder: Recorder) -> Row:
+    """The row of a fit; its files and pictures are written if it is ok."""
     row = _row(job, scan, fit)
     if row["status"] == "ok":
         try:
-            _write_results(job, scan, fit, row)
+            pieces = pieces_from_panels(fit.panels, _side(scan))
+            _write_results(job, scan, fit, pieces, row)
+            patterns = pattern_figure(pieces, scan.name)
+            view = fit_figure(scan.points, fit.distances, fit.shape, scan.name, _side(scan))
+            recorder.images(scan.name, patterns=patterns, fit=view)
+            recorder.mesh(scan.name, fit.shape, scan.points, fit.distances)
         except Exception as error:
             row |= {"status": "failed", "reason": _unexpected(job, error, "writing its results")}
     return row
@@ -164,7 +180,7 @@ def _row(job: Job, scan: Scan, fit: CupFit) -> Row:
     }
     # Without a neckline there is no distance from it.
     needed = {key: value for key, value in fit.figures.items() if key != "upper_edge_mm" or scan.neckline is not None}
-    missing = [key for key, value in needed.items() if value is None or not math.isfinite(value)]
+    missing = [key for key, value in needed.items() if not math.isfinite(_number(value))]
     if fit.code is ResultCode.DIVERGED:
         return row
     if missing:
@@ -191,8 +207,8 @@ def _setting(job: Job, group: str, key: str) -> Any:
     return values.get(key) if isinstance(values, Mapping) else None
 
 
-def _number(value: Any) -> float | None:
-    return None if value is None else float(value)
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
 
 
 def _target(scan: Scan) -> Target:
@@ -206,17 +222,19 @@ def _target(scan: Scan) -> Target:
     )
 
 
-def _write_results(job: Job, scan: Scan, fit: CupFit, row: Row) -> None:
+def _side(scan: Scan) -> Side:
+    return "right" if scan.side == "right" else "left"
+
+
+def _write_results(job: Job, scan: Scan, fit: CupFit, pieces: Sequence[Piece], row: Row) -> None:
     folder = job.out / scan.name
-    pieces = pieces_from_panels(fit.panels, cast(Side, scan.side))
     note = f"{scan.side} cup, {row['cup']}, {len(fit.panels)} panel{'s' * (len(fit.panels) > 1)}"
     write_svg(folder / "patterns.svg", pieces, scan.name, note)
     write_cup_ply(folder / "cup.ply", fit.shape, scan.frame.to_scan)
     write_points_ply(folder / "points.ply", scan.frame.to_scan(scan.points), fit.distances)
     extra = {
         "code": fit.code.name,
-        "figures": fit.figures,
-        "edges": [{edge.name: edge.length for edge in piece.edges} | {"piece": piece.name} for piece in pieces],
+        "edges_mm": {piece.name: {edge.name: edge.length for edge in piece.edges} for piece in pieces},
         "frame": {"origin": scan.frame.origin, "axes": scan.frame.axes},
         "cleaning": asdict(scan.cleaning),
         "landmarks": {
@@ -225,6 +243,7 @@ def _write_results(job: Job, scan: Scan, fit: CupFit, row: Row) -> None:
             "strap_point": scan.strap_point,
             "apex": scan.apex,
         },
+        "parameters": fit.parameters,
     }
     write_fit_json(folder / "fit.json", row, extra | _provenance(job, scan.path))
 
