@@ -59,11 +59,11 @@ def test_meshes_lie_where_the_scan_lies(job: Job) -> None:
     """Read by Open3D: the points of the fit, and a cup around them, are in the scan's own frame."""
     run(replace(job, scans=[sample()], scan={"points": None, "outliers": None}))
     folder = job.out / sample().stem
-    cloud = np.asarray(o3d.io.read_point_cloud(str(sample())).points)
-    used = np.asarray(o3d.io.read_point_cloud(str(folder / "points.ply")).points)
+    cloud = np.asarray(o3d.io.read_point_cloud(sample()).points)
+    used = np.asarray(o3d.io.read_point_cloud(folder / "points.ply").points)
     gaps = np.abs(cloud[None, :, :] - used[:50, None, :]).max(-1).min(1)
     assert gaps.max() < 1e-3, "points of the fit are points of the file"
-    cup = np.asarray(o3d.io.read_triangle_mesh(str(folder / "cup.ply")).vertices)
+    cup = np.asarray(o3d.io.read_triangle_mesh(folder / "cup.ply").vertices)
     wire = np.array(json.loads(sample().with_suffix(".json").read_text())["wire"])
     for end in (wire[0], wire[-1]):
         assert np.linalg.norm(cup - end, axis=1).min() < 1.0
