@@ -32,6 +32,6 @@ slow:
 lint:
 	@scripts/setup.sh dev
 	$(VENV)/bin/python -m ruff check .
-	$(VENV)/bin/python -m pyright
+	$(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
 
 check: lint test

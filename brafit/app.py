@@ -96,6 +96,8 @@ def main() -> None:
     except KeyboardInterrupt:
         print("brafit: interrupted; what is finished is kept", file=sys.stderr)
         sys.exit(INTERRUPTED)
+    except BrokenPipeError:  # the output is piped into something that has read enough, such as head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except Exception as error:
         if full:
             raise

@@ -276,7 +276,7 @@ def _unexpected(job: Job, error: Exception, during: str) -> str:
 def _progress(title: str) -> Iterator[Callable[[Step], None]]:
     """A bar on the terminal, a line now and then in a log; gives the callback that moves it."""
     quiet = 0.2 if sys.stderr.isatty() else 30.0
-    with tqdm(desc=title, mininterval=quiet, dynamic_ncols=True, unit="step", leave=False) as bar:
+    with tqdm(desc=title, mininterval=quiet, dynamic_ncols=True, unit="step", leave=False, delay=1) as bar:
 
         def callback(step: Step) -> None:
             bar.total = step.total
