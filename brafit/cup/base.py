@@ -4,13 +4,51 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, Wire
+from brafit.geometry.developable import regularity
+from brafit.geometry.nearest import sample_table
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """B cups and the derivatives of what a fit needs of them, by some of the parameters.
+
+    Attributes:
+        shape: the cups at the stations that solvers work with, see `Cup.sketch`.
+        table: derivatives of `brafit.geometry.nearest.sample_table` of the shape.
+        margin, margin_columns: regularity margin of every panel at every station, and its derivatives.
+        roughness: derivatives of `Cup.roughness`.
+        constraints: derivatives of `Cup.constraints`.
+        columns: places in the flat matrix of the parameters that the derivatives' last dimension runs over.
+    """
+
+    shape: CupShape
+    table: Float[Tensor, "batch rows 3 columns"]
+    margin: Float[Tensor, "batch panels n"]
+    margin_columns: Float[Tensor, "batch panels n columns"]
+    roughness: Float[Tensor, "batch m columns"]
+    constraints: dict[str, Tensor]
+    columns: Int[Tensor, " columns"]
+
+
+def derivatives(
+    function: Callable[[Tensor], tuple[Tensor, ...]],
+    at: Float[Tensor, "batch size"],
+    columns: Int[Tensor, " columns"] | None = None,
+) -> tuple[Tensor, ...]:
+    """Derivatives of a batched function by each of the parameters, or by some, forward mode: (columns, *output) for each output."""
+    directions = torch.eye(at.shape[1], dtype=at.dtype, device=at.device)
+    directions = directions if columns is None else directions[columns]
+    directions = directions[:, None].expand(-1, *at.shape)
+    return torch.func.vmap(lambda d: torch.func.jvp(function, (at,), (d,))[1])(directions)
 
 
 class Cup(nn.Module, ABC):
@@ -68,6 +106,41 @@ class Cup(nn.Module, ABC):
     @abstractmethod
     def roughness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
         """Residuals whose squares tell how wavy the parameters are."""
+
+    def sketch(self, flat: Float[Tensor, "batch size"]) -> CupShape:
+        """The cups at the stations that solvers work with: those of the output, unless fewer will do."""
+        return self.shape_of(flat)
+
+    def columns(self, terms: int) -> Int[Tensor, " columns"]:
+        """Places in the flat matrix of the parameters that are free while series have this many terms; all, unless a model can tell."""
+        return torch.arange(self.size, device=self.stations.device)
+
+    def refined(self) -> "Cup | None":
+        """The same cups computed on a finer grid; None where the grid makes no difference to whether they are developable."""
+        return None
+
+    @torch.no_grad()
+    def linearise(self, flat: Float[Tensor, "batch size"], columns: Int[Tensor, " columns"]) -> Linearised:
+        """The cups and their derivatives by the parameters at these places."""
+        shape = self.sketch(flat)
+        names = list(self.constraints(shape))
+
+        def parts(at: Tensor) -> tuple[Tensor, ...]:
+            own = self.sketch(at)
+            margin = regularity(own.tangents[:, :-1], own.tangents[:, 1:], own.directions)
+            constraints = self.constraints(own)
+            return sample_table(own.edges, own.tangents), margin, self.roughness(at), *(constraints[k] for k in names)
+
+        table, margin, roughness, *others = (v.movedim(0, -1) for v in derivatives(parts, flat, columns))
+        return Linearised(
+            shape=shape,
+            table=table.contiguous(),
+            margin=regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions),
+            margin_columns=margin,
+            roughness=roughness,
+            constraints=dict(zip(names, others)),
+            columns=columns,
+        )
 
     def forward(self) -> CupShape:
         return self.shape_of(self.flatten())
