@@ -73,6 +73,7 @@ class ConditionConfig:
     ridge_apex: float = limited(0)
     ridge_apex_width: float = limited(0)
     margin: float = MISSING
+    margin_width: float = limited(0)
     barrier: float = limited(0)
     smoothness: float = limited(0)
 

@@ -111,8 +111,8 @@ class Cup(nn.Module, ABC):
         """The cups at the stations that solvers work with: those of the output, unless fewer will do."""
         return self.shape_of(flat)
 
-    def columns(self, terms: int) -> Int[Tensor, " columns"]:
-        """Places in the flat matrix of the parameters that are free while series have this many terms; all, unless a model can tell."""
+    def columns(self, terms: int | None = None) -> Int[Tensor, " columns"]:
+        """Places in the flat matrix, increasing, of the parameters that are free while series have this many terms."""
         return torch.arange(self.size, device=self.stations.device)
 
     def refined(self) -> "Cup | None":
@@ -120,8 +120,9 @@ class Cup(nn.Module, ABC):
         return None
 
     @torch.no_grad()
-    def linearise(self, flat: Float[Tensor, "batch size"], columns: Int[Tensor, " columns"]) -> Linearised:
-        """The cups and their derivatives by the parameters at these places."""
+    def linearise(self, flat: Float[Tensor, "batch size"], terms: int | None = None) -> Linearised:
+        """The cups and their derivatives by the parameters that are free with this many terms (all by default)."""
+        columns = self.columns(terms)
         shape = self.sketch(flat)
         names = list(self.constraints(shape))
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from brafit.geometry.developable import dot, regularity, unit
-
 from brafit.cup.shape import CupShape
+from brafit.geometry.developable import dot, unit
+from brafit.geometry.nearest import gather_rows, hermite, hermite_slope
 
 Points = Float[Tensor, "batch m 3"]
 
@@ -18,11 +20,13 @@ def nearest_on_polyline(
     points: Points, line: Float[Tensor, "batch k 3"]
 ) -> tuple[Int[Tensor, "batch m"], Float[Tensor, "batch m"]]:
     """Nearest segment of a polyline and the place on it in [0, 1], for every point."""
-    start, step = line[:, None, :-1], (line[:, 1:] - line[:, :-1])[:, None]
-    offset = points[:, :, None] - start
-    place = (dot(offset, step) / dot(step, step).clamp_min(1e-30)).clamp(0, 1)
-    squared = dot(offset, offset) + place * (place * dot(step, step) - 2 * dot(offset, step))
-    segment = squared.argmin(-1, keepdim=True)
+    start, step = line[:, :-1], line[:, 1:] - line[:, :-1]
+    square = dot(step, step).clamp_min(1e-30)[:, None]
+    # (p - start) . step and |p - start|^2 without |p|^2, which does not depend on the segment
+    along = torch.baddbmm(-dot(start, step)[:, None], points, step.mT)
+    away = torch.baddbmm(dot(start, start)[:, None], points, start.mT, alpha=-2)
+    place = (along / square).clamp(0, 1)
+    segment = away.addcmul_(place, place * square - 2 * along).argmin(-1, keepdim=True)
     return segment[..., 0], place.gather(-1, segment)[..., 0]
 
 
@@ -32,28 +36,90 @@ def polyline_points(line: Float[Tensor, "batch k 3"], segment: Tensor, place: Te
     return torch.lerp(line.gather(1, index), line.gather(1, index + 1), place[..., None])
 
 
-def line_offset(points: Points, line: Float[Tensor, "batch k 3"]) -> Points:
-    """Difference vectors from the nearest points of a polyline to `points`, differentiable in both.
+@dataclass(frozen=True)
+class Gaps:
+    """Difference vectors between a cup's edges and fixed points, and how they depend on the samples of the cup.
 
-    Where the nearest point lies inside a segment only the component across the segment counts (the point may slide along the
-    line), which has the same length and the envelope theorem's gradient.
+    A gap is the part across `sliding` of (weighted sum of samples - fixed point): where the nearest point lies inside a line it may slide along
+    it, and only the component across counts, which has the same length and the envelope theorem's gradient.
+
+    Attributes:
+        vectors: the gaps, differentiable in the samples.
+        index: rows of `brafit.geometry.nearest.sample_table`.
+        weight: their weights.
+        sliding: unit vectors, or 0 where nothing slides.
     """
-    segment, place = nearest_on_polyline(points.detach(), line.detach())
-    delta = points - polyline_points(line, segment, place)
+
+    vectors: Points
+    index: Int[Tensor, "batch m k"]
+    weight: Float[Tensor, "batch m k"]
+    sliding: Points
+
+    def columns(self, table: Float[Tensor, "batch rows 3 columns"]) -> Float[Tensor, "batch m 3 columns"]:
+        """Derivatives of the gaps from those of the samples."""
+        batch, rows = table.shape[:2]
+        offset = torch.arange(batch, device=table.device)[:, None, None] * rows
+        index, weight = (self.index + offset).flatten(0, 1), self.weight.flatten(0, 1)
+        moved = torch.nn.functional.embedding_bag(
+            index, table.reshape(batch * rows, -1), mode="sum", per_sample_weights=weight
+        )
+        moved = moved.view(batch, -1, *table.shape[2:])
+        along = (moved * self.sliding[..., None]).sum(-2, keepdim=True)
+        return moved.addcmul_(along, self.sliding[..., None], value=-1)
+
+
+def gaps_to_line(shape: CupShape, edge: int, line: Float[Tensor, "batch k 3"]) -> Gaps:
+    """From a polyline to every sample of an edge."""
+    points = shape.edges[:, edge]
     with torch.no_grad():
+        segment, place = nearest_on_polyline(points, line)
+        feet = polyline_points(line, segment, place)
         index = segment[..., None].expand(*segment.shape, 3)
         along = unit(line.gather(1, index + 1) - line.gather(1, index))
         sliding = ((place > 0) & (place < 1))[..., None] * along
-    return delta - dot(delta, sliding)[..., None] * sliding
+        n = points.shape[1]
+        rows = (torch.arange(n, device=points.device) + edge % shape.edges.shape[1] * n).expand(len(points), -1)
+    offset = points - feet
+    return Gaps(
+        vectors=offset - dot(offset, sliding)[..., None] * sliding,
+        index=rows[..., None],
+        weight=torch.ones_like(points[..., :1]),
+        sliding=sliding,
+    )
 
 
-def upper_edge_offsets(shape: CupShape, neckline: Points) -> tuple[Points, Points]:
-    """From upper edge to neckline and from neckline to upper edge: pulled both ways."""
-    edge = shape.edges[:, -1]
-    return line_offset(edge, neckline), line_offset(neckline, edge)
+def gaps_to_points(shape: CupShape, edge: int, points: Points) -> Gaps:
+    """From given points to the nearest points of an edge, a cubic Hermite curve between its stations."""
+    line, tangents, stations = shape.edges[:, edge], shape.tangents[:, edge], shape.stations
+    n = line.shape[1]
+    own = torch.cat((line, tangents), dim=1)
+    with torch.no_grad():
+        segment, tau = nearest_on_polyline(points, line)
+        h = stations[segment + 1] - stations[segment]
+        index = torch.stack((segment, segment + 1, segment + n, segment + n + 1), dim=-1)
+        samples = gather_rows(own, index)
+        for _ in range(2):
+            foot = (samples * hermite(tau, h)[..., None]).sum(-2)
+            slope = (samples * hermite_slope(tau, h)[..., None]).sum(-2)
+            tau = (tau + dot(points - foot, slope) / dot(slope, slope).clamp_min(1e-30)).clamp(0, 1)
+        weight = hermite(tau, h)
+        slope = (samples * hermite_slope(tau, h)[..., None]).sum(-2)
+        end = ((segment == 0) & (tau == 0)) | ((segment == n - 2) & (tau == 1))
+        sliding = torch.where(end[..., None], torch.zeros_like(slope), unit(slope))
+    offset = (gather_rows(own, index) * weight[..., None]).sum(-2) - points
+    vectors = offset - dot(offset, sliding)[..., None] * sliding
+    edges = shape.edges.shape[1]
+    first = edge % edges * n
+    shift = torch.tensor([first, first, first + (edges - 1) * n, first + (edges - 1) * n], device=index.device)
+    return Gaps(vectors, index + shift, weight, sliding)
 
 
-def margin_shortfall(shape: CupShape, bound: float, width: float) -> Float[Tensor, "batch panels*n"]:
+def station_weights(stations: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """Weights that sum to 1 and make a sum over stations a mean over the wire, whatever their spacing (trapezoidal rule)."""
+    half = stations.diff() / (2 * (stations[-1] - stations[0]))
+    return torch.nn.functional.pad(half, (0, 1)) + torch.nn.functional.pad(half, (1, 0))
+
+
+def shortfall(margin: Tensor, bound: float, width: float) -> Tensor:
     """Smooth barrier: about bound - margin where the regularity margin is below its bound, fading to 0 over `width` above it."""
-    margin = regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions)
-    return (width * torch.nn.functional.softplus((bound - margin) / width)).flatten(1)
+    return width * torch.nn.functional.softplus((bound - margin) / width)

@@ -7,7 +7,7 @@ end in the wire's end only where (38), (39) hold: both are conditions of the fit
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from brafit.cup.base import Cup
@@ -90,6 +90,12 @@ class FramesCup(Cup):
             normals=normals(lower, directions),
             geodesic=geodesic_curvature(lower, curvature, directions),
         )
+
+    def columns(self, terms: int | None = None) -> Int[Tensor, " columns"]:
+        free = torch.ones(self.panels, 3, self.terms, dtype=torch.bool, device=self.stations.device)
+        free[..., self.terms if terms is None else terms :] = False
+        turn = free.new_ones(3 * self.panels)
+        return torch.cat((free.flatten(), turn)).nonzero()[:, 0]
 
     def ends(self, shape: CupShape) -> Float[Tensor, "batch panels*3"]:
         """Gap between each edge's end and the wire's end, (38), (39)."""

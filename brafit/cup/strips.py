@@ -76,10 +76,12 @@ class StripsCup(Cup):
     def layout(self) -> dict[str, tuple[int, ...]]:
         return {"angle": (self.panels,), "rib": (self.panels, self.terms), "length": (self.panels, self.terms)}
 
-    def columns(self, terms: int) -> Int[Tensor, " columns"]:
-        """Places in the flat matrix of the parameters that count with this many terms, panel by panel: angle, rib, length."""
-        terms = min(terms, self.terms)
-        each = torch.arange(terms, device=self._s.device)
+    def columns(self, terms: int | None = None) -> Int[Tensor, " columns"]:
+        return self._panel_columns(terms).sort().values
+
+    def _panel_columns(self, terms: int | None) -> Int[Tensor, " columns"]:
+        """Panel by panel: angle, rib, length."""
+        each = torch.arange(self.terms if terms is None else min(terms, self.terms), device=self._s.device)
         parts = []
         for i in range(self.panels):
             rib = self.panels + i * self.terms + each
@@ -147,8 +149,9 @@ class StripsCup(Cup):
     # --- derivatives ---
 
     @torch.no_grad()
-    def linearise(self, flat: Float[Tensor, "batch size"], columns: Int[Tensor, " columns"]) -> Linearised:
+    def linearise(self, flat: Float[Tensor, "batch size"], terms: int | None = None) -> Linearised:
         """The cups at the nodes and their derivatives, in closed form: the linearised equations of `brafit.geometry.strip`."""
+        columns = self._panel_columns(terms)
         terms = (len(columns) // self.panels - 1) // 2
         n, own = self.nodes, 2 * terms + 1
         batch = len(flat)

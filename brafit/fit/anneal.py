@@ -9,8 +9,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from brafit.cup.base import derivatives
 from brafit.fit import adam, lbfgs
-from brafit.fit.objective import Evaluation, Objective, Pressure, columns
+from brafit.fit.normal import normal_equations
+from brafit.fit.objective import Evaluation, Objective, Pressure
 from brafit.fit.result import ResultCode
 from brafit.fit.solver import Callback, Solution, Step
 
@@ -26,20 +28,23 @@ class Stage:
         steps: evaluations per problem at most.
         penalty: penalty mu of the constraints in this stage.
         rate: rate of Adam, in solver units.
-        scaled: L-BFGS works in the variables in which the Gauss-Newton matrix at the stage's start is the identity.
+        damping: L-BFGS works in the variables in which the Gauss-Newton matrix at the stage's start, plus `damping` times its
+            largest diagonal element, is the identity. Small values reach weakly determined directions, but only near a minimum.
     """
 
     optimiser: str
     steps: int
     penalty: float
     rate: float = 0.03
-    scaled: bool = True
+    damping: float = 1e-7
 
     def __post_init__(self) -> None:
         if self.optimiser not in OPTIMISERS:
             raise ValueError(f"unknown optimiser {self.optimiser!r}: allowed are {', '.join(OPTIMISERS)}")
-        if self.steps < 0 or not self.penalty > 0:
-            raise ValueError(f"a stage needs steps >= 0 and penalty > 0, got {self.steps} and {self.penalty}")
+        if self.steps < 0 or not self.penalty > 0 or not self.damping > 0:
+            raise ValueError(
+                f"a stage needs steps >= 0, penalty > 0 and damping > 0, got {self.steps}, {self.penalty}, {self.damping}"
+            )
 
 
 class Anneal:
@@ -96,11 +101,7 @@ class Anneal:
         return Solution(place, codes, evaluations, Pressure(self.stages[-1].penalty, multipliers))
 
     def _lbfgs(self, watch: "_Watch", place: Tensor, stage: Stage) -> lbfgs.Minimum:
-        if not stage.scaled:
-            return lbfgs.minimise(
-                watch.evaluate, place, stage.steps, tolerance=self.tolerance, reach=0.01, callback=watch.report
-            )
-        transform = whitening(watch.objective.curvature(place, watch.pressure))
+        transform = whitening(normal_equations(watch.objective, place, watch.pressure).matrix, stage.damping)
 
         def scaled(z: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
             own = transform[index]
@@ -124,10 +125,10 @@ def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pr
 
     if closure(place).shape[1] == 0:
         return place
-    transform = whitening(objective.curvature(place, pressure))
+    transform = whitening(normal_equations(objective, place, pressure).matrix)
     for _ in range(3):
         gap = closure(place)
-        jacobian = columns(lambda flat: (closure(flat),), place)[0].movedim(0, -1)
+        jacobian = derivatives(lambda flat: (closure(flat),), place)[0].movedim(0, -1)
         change = []
         for j, w, g in zip(jacobian, transform, gap):
             change.append(-w @ torch.linalg.lstsq(j @ w, g[:, None], driver="gelsd").solution[:, 0])

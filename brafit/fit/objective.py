@@ -6,7 +6,7 @@ The objective knows cups and targets, but no solver. Constraints are blocks too:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
 
 import torch
@@ -14,20 +14,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from brafit.cup.base import Cup
-from brafit.cup.condition import line_offset, margin_shortfall, upper_edge_offsets
+from brafit.cup.condition import Gaps, gaps_to_line, gaps_to_points, shortfall, station_weights
 from brafit.cup.shape import CupShape
 from brafit.fit.loss import Loss, fuzzy, point_loss, square
 from brafit.fit.targets import Targets
-from brafit.geometry.developable import dot
-from brafit.geometry.nearest import (
-    Feet,
-    distance_jacobian,
-    foot_directions,
-    nearest_feet,
-    sample_table,
-    signed_distance,
-    surface_points,
-)
+from brafit.geometry.developable import regularity
+from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
 
 Flat = Float[Tensor, "batch size"]
 
@@ -45,6 +37,7 @@ class Conditions:
         ridge_apex: k1 of the same condition that draws the ridge to the apex; 0 leaves the ridge free.
         ridge_apex_width: its width, mm.
         margin: the regularity margin that the barrier keeps.
+        margin_width: how far above it the barrier begins.
         barrier: weight of the barrier.
         smoothness: weight of the roughness of the parameters.
     """
@@ -57,24 +50,29 @@ class Conditions:
     ridge_apex: float = 0.0
     ridge_apex_width: float = 10.0
     margin: float = 0.3
+    margin_width: float = 0.05
     barrier: float = 1.0
     smoothness: float = 1e-7
 
     def __post_init__(self) -> None:
         point_loss(self.points, 1.0)
-        for name in ("points_width", "connection_width", "ridge_apex_width"):
+        for name in ("points_width", "connection_width", "ridge_apex_width", "margin_width"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"condition.{name} must be positive, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True)
 class Block:
-    """Residuals of one kind: value = sum of weight * rho(residual^2)."""
+    """Residuals of one kind: value = sum of weight * rho(residual^2).
+
+    `gaps`: where the residuals are the components of gaps between the cup and fixed points.
+    """
 
     name: str
     residual: Float[Tensor, "batch m"]
     weight: Tensor | float
     loss: Loss = square
+    gaps: Gaps | None = None
 
     def value(self) -> Float[Tensor, " batch"]:
         return (self.weight * self.loss(self.residual.square())[0]).sum(-1)
@@ -84,14 +82,17 @@ class Block:
 class Pressure:
     """How hard the constraints press: penalty mu and multipliers lambda of lambda c + mu/2 c^2, per constraint.
 
-    The multipliers make the constraints hold without an endless penalty (the multiplier method).
+    The multipliers make the constraints hold without an endless penalty (the multiplier method). `barrier` multiplies the weight of the
+    regularity barrier, problem by problem.
     """
 
     penalty: float
     multipliers: dict[str, Tensor] = field(default_factory=dict)
+    barrier: Float[Tensor, "batch 1"] | float = 1.0
 
     def select(self, index: Tensor) -> "Pressure":
-        return Pressure(self.penalty, {k: v[index] for k, v in self.multipliers.items()})
+        barrier = self.barrier[index] if isinstance(self.barrier, Tensor) else self.barrier
+        return Pressure(self.penalty, {k: v[index] for k, v in self.multipliers.items()}, barrier)
 
 
 @dataclass(frozen=True)
@@ -143,23 +144,25 @@ class Objective:
         unit = targets.scale[:, None]
         blocks = []
         if c.neckline > 0:
-            edge, line = (x.flatten(1) for x in upper_edge_offsets(shape, targets.neckline))
-            has = targets.has_neckline[:, None].to(edge)
-            blocks.append(Block("edge to neckline", edge, c.neckline * has * 3 / edge.shape[1]))
-            blocks.append(Block("neckline to edge", line, c.neckline * has * 3 / line.shape[1]))
+            has = targets.has_neckline[:, None].to(flat)
+            edge, line = gaps_to_line(shape, -1, targets.neckline), gaps_to_points(shape, -1, targets.neckline)
+            mean = station_weights(shape.stations).repeat_interleave(3)
+            blocks.append(_pull("edge to neckline", edge, c.neckline * has * mean))
+            blocks.append(_pull("neckline to edge", line, c.neckline * has / targets.neckline.shape[1]))
         if c.connection > 0:
-            gap = line_offset(targets.connection[:, None], shape.edges[:, -1])[:, 0]
+            gap = gaps_to_points(shape, -1, targets.connection[:, None])
             sharpness = (unit / c.connection_width) ** 2
-            has = targets.has_connection[:, None].to(gap)
-            blocks.append(Block("connection", gap, has, partial(fuzzy, strength=c.connection, sharpness=sharpness)))
+            has = targets.has_connection[:, None].to(flat)
+            blocks.append(_pull("connection", gap, has, partial(fuzzy, strength=c.connection, sharpness=sharpness)))
         if c.ridge_apex > 0 and self.cup.panels > 1:
             gap = self._ridge_gap(shape)
             sharpness = (unit / c.ridge_apex_width) ** 2
-            has = targets.has_apex[:, None].to(gap)
-            blocks.append(Block("ridge at apex", gap, has, partial(fuzzy, strength=c.ridge_apex, sharpness=sharpness)))
+            has = targets.has_apex[:, None].to(flat)
+            blocks.append(_pull("ridge at apex", gap, has, partial(fuzzy, strength=c.ridge_apex, sharpness=sharpness)))
         if c.barrier > 0:
-            shortfall = margin_shortfall(shape, c.margin, width=0.05)
-            blocks.append(Block("regularity", shortfall, c.barrier / shortfall.shape[1]))
+            margin = regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions).flatten(1)
+            short = shortfall(margin, c.margin, c.margin_width)
+            blocks.append(Block("regularity", short, c.barrier * pressure.barrier / short.shape[1]))
         if c.smoothness > 0:
             blocks.append(Block("roughness", self.cup.roughness(flat), c.smoothness))
         for name, value in self.constraints(shape).items():
@@ -168,18 +171,26 @@ class Objective:
             blocks.append(Block(name, residual, 0.5 * pressure.penalty))
         return blocks
 
-    def _ridge_gap(self, shape: CupShape) -> Float[Tensor, "batch 3"]:
-        """From the nearest ridge to the apex."""
+    def _ridge_gap(self, shape: CupShape) -> Gaps:
+        """From the apex to the nearest ridge."""
         apex = self.targets.apex[:, None]
-        gaps = torch.stack([line_offset(apex, ridge)[:, 0] for ridge in shape.edges[:, 1:-1].unbind(1)], dim=1)
-        nearest = gaps.detach().square().sum(-1).argmin(1)
-        return gaps[torch.arange(len(gaps), device=gaps.device), nearest]
+        gaps = [gaps_to_points(shape, ridge, apex) for ridge in range(1, self.cup.panels)]
+        nearest = torch.stack([g.vectors.detach().square().sum((-2, -1)) for g in gaps]).argmin(0)
+        rows = torch.arange(len(nearest), device=nearest.device)
+        return Gaps(*(torch.stack([getattr(g, f.name) for g in gaps])[nearest, rows] for f in fields(Gaps)))
+
+    @torch.no_grad()
+    def value(self, flat: Flat, pressure: Pressure) -> Float[Tensor, " batch"]:
+        """The value alone, for solvers that want no gradient."""
+        shape = self.cup.sketch(flat)
+        blocks = [self.points_block(self.distances(shape, self.feet(shape))), *self.blocks(flat, shape, pressure)]
+        return torch.stack([block.value() for block in blocks]).sum(0)
 
     def evaluate(self, flat: Flat, pressure: Pressure) -> Evaluation:
         """Value, gradient and the value of each block."""
         with torch.enable_grad():
             flat = flat.detach().requires_grad_()
-            shape = self.cup.shape_of(flat)
+            shape = self.cup.sketch(flat)
             points = self.points_block(self.distances(shape, self.feet(shape)))
             blocks = [points, *self.blocks(flat, shape, pressure)]
             values = {block.name: block.value() for block in blocks}
@@ -187,39 +198,6 @@ class Objective:
             (gradient,) = torch.autograd.grad(value.sum(), flat)
         return Evaluation(value.detach(), gradient, {k: v.detach() for k, v in values.items()})
 
-    @torch.no_grad()
-    def curvature(self, flat: Flat, pressure: Pressure) -> Float[Tensor, "batch size size"]:
-        """Gauss-Newton matrix of the objective: J^T W J over all blocks, with the feet held fixed."""
-        shape = self.cup.shape_of(flat)
-        feet = self.feet(shape)
-        edges, tangents, stations = shape.edges, shape.tangents, shape.stations
 
-        def others(at: Tensor) -> tuple[Tensor, Tensor]:
-            own = self.cup.shape_of(at)
-            residuals = [b.residual for b in self.blocks(at, own, pressure)]
-            return torch.cat(residuals, dim=1), sample_table(own.edges, own.tangents)
-
-        others_jacobian, table_jacobian = columns(others, flat)
-        directions = foot_directions(self.targets.points, edges, tangents, stations, feet)
-        points_jacobian = distance_jacobian(
-            directions, feet, stations, edges.shape[1], table_jacobian.movedim(0, -1).contiguous()
-        )
-        points = self.points_block(dot(self.targets.points - surface_points(edges, tangents, stations, feet), directions))
-        weights = torch.cat([_slopes(b) for b in self.blocks(flat, shape, pressure)], dim=1)
-        return _gram(points_jacobian, _slopes(points)) + _gram(others_jacobian.movedim(0, -1), weights)
-
-
-def columns(function: Callable[[Tensor], tuple[Tensor, ...]], at: Flat) -> tuple[Tensor, ...]:
-    """Derivatives of a batched function by each of the parameters, forward mode: (size, *output) for each output."""
-    directions = torch.eye(at.shape[1], dtype=at.dtype, device=at.device)[:, None].expand(-1, *at.shape)
-    return torch.func.vmap(lambda d: torch.func.jvp(function, (at,), (d,))[1])(directions)
-
-
-def _slopes(block: Block) -> Float[Tensor, "batch m"]:
-    """Gauss-Newton weights of a block's residuals: the second derivative of its value by them, rho' alone."""
-    return (2 * block.weight * block.loss(block.residual.square())[1]).expand_as(block.residual)
-
-
-def _gram(jacobian: Float[Tensor, "batch m size"], weights: Float[Tensor, "batch m"]) -> Float[Tensor, "batch size size"]:
-    """J^T W J, one problem at a time, so that rounding does not depend on the batch."""
-    return torch.stack([j.mT @ (j * w[:, None]) for j, w in zip(jacobian, weights)])
+def _pull(name: str, gaps: Gaps, weight: Tensor, loss: Loss = square) -> Block:
+    return Block(name, gaps.vectors.flatten(1), weight, loss, gaps)

@@ -47,13 +47,13 @@ class Feet:
         return start + self.tau * (stations[self.interval + 1] - start)
 
 
-def _hermite(tau: Tensor, h: Tensor) -> Tensor:
+def hermite(tau: Tensor, h: Tensor) -> Tensor:
     """Weights of (x_k, x_k+1, x'_k, x'_k+1) in the cubic Hermite interpolant."""
     t2, t3 = tau * tau, tau * tau * tau
     return torch.stack((2 * t3 - 3 * t2 + 1, 3 * t2 - 2 * t3, h * (t3 - 2 * t2 + tau), h * (t3 - t2)), dim=-1)
 
 
-def _hermite_slope(tau: Tensor, h: Tensor) -> Tensor:
+def hermite_slope(tau: Tensor, h: Tensor) -> Tensor:
     """Their derivatives by tau."""
     t2 = tau * tau
     return torch.stack((6 * t2 - 6 * tau, 6 * tau - 6 * t2, h * (3 * t2 - 4 * tau + 1), h * (3 * t2 - 2 * tau)), dim=-1)
@@ -68,7 +68,7 @@ def stencil(
     """
     n = stations.shape[0]
     h = stations[feet.interval + 1] - stations[feet.interval]
-    weights = (_hermite_slope if slope else _hermite)(feet.tau, h)
+    weights = (hermite_slope if slope else hermite)(feet.tau, h)
     lower = feet.panel * n + feet.interval
     tangents = edge_count * n
     own = torch.stack((lower, lower + 1, lower + tangents, lower + tangents + 1), dim=-1)
@@ -100,7 +100,7 @@ def surface_normals(edges: Edges, tangents: Edges, stations: Float[Tensor, " n"]
     samples = gather_rows(rows, index)
     along = (samples * slope[..., None]).sum(-2)
     h = stations[feet.interval + 1] - stations[feet.interval]
-    bare = _hermite(feet.tau, h)[..., None]
+    bare = hermite(feet.tau, h)[..., None]
     ruling = (samples[..., 4:, :] * bare).sum(-2) - (samples[..., :4, :] * bare).sum(-2)
     return unit(torch.linalg.cross(along, ruling))
 

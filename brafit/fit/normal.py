@@ -1,0 +1,120 @@
+"""Value, gradient and Gauss-Newton matrix of an objective in one pass, from one search for nearest points.
+
+Rows of the Jacobian come from the cup's linearisation: the envelope theorem holds the feet fixed, so each row is a sum of a few rows of
+the samples' derivatives. Automatic differentiation never runs through a search.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from brafit.cup.base import Linearised
+from brafit.fit.objective import Block, Objective, Pressure
+from brafit.geometry.developable import dot
+from brafit.geometry.nearest import Feet, distance_jacobian, foot_directions, surface_points
+
+ROWS = 1 << 22
+"""Numbers of the points' Jacobian held at a time, over the whole batch."""
+
+
+@dataclass(frozen=True)
+class Normal:
+    """The objective of B problems and its quadratic model in some of the parameters.
+
+    Attributes:
+        value: the objective.
+        gradient, matrix: its gradient and Gauss-Newton matrix by these parameters.
+        margin: smallest regularity margin.
+        feet: the points' feet, for the next search to start from.
+        terms: value of every block.
+    """
+
+    value: Float[Tensor, " batch"]
+    gradient: Float[Tensor, "batch columns"]
+    matrix: Float[Tensor, "batch columns columns"]
+    margin: Float[Tensor, " batch"]
+    feet: Feet
+    terms: dict[str, Float[Tensor, " batch"]]
+
+    def map(self, function) -> "Normal":
+        """With `function` applied to every tensor."""
+        feet = Feet(*(function(getattr(self.feet, f.name)) for f in fields(Feet)))
+        parts = (function(v) for v in (self.value, self.gradient, self.matrix, self.margin))
+        return Normal(*parts, feet, {k: function(v) for k, v in self.terms.items()})
+
+
+@torch.no_grad()
+def normal_equations(
+    objective: Objective,
+    flat: Float[Tensor, "batch size"],
+    pressure: Pressure,
+    terms: int | None = None,
+) -> Normal:
+    """The objective at a place, by the parameters that are free with this many terms: `Cup.columns` (all by default)."""
+    linear = objective.cup.linearise(flat, terms)
+    shape = linear.shape
+    feet = objective.feet(shape)
+    points, gradient, matrix = _points(objective, linear, feet)
+    blocks = objective.blocks(flat, shape, pressure)
+    for block in blocks:
+        jacobian = _jacobian(block, linear, objective)
+        slope = slopes(block)
+        gradient += _weighted(jacobian, slope * block.residual)
+        matrix += gram(jacobian, slope)
+    values = {block.name: block.value() for block in (points, *blocks)}
+    value = torch.stack(list(values.values())).sum(0)
+    order = linear.columns.argsort()
+    gradient, matrix = gradient[:, order], matrix[:, order][:, :, order]
+    return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), feet, values)
+
+
+def _points(objective: Objective, linear: Linearised, feet: Feet) -> tuple[Block, Tensor, Tensor]:
+    """The points' block with its gradient and matrix, some points at a time."""
+    shape, points = linear.shape, objective.targets.points
+    edges, tangents, stations = shape.edges, shape.tangents, shape.stations
+    batch, count = points.shape[:2]
+    directions = foot_directions(points, edges, tangents, stations, feet)
+    distances = dot(points - surface_points(edges, tangents, stations, feet), directions)
+    block = objective.points_block(distances)
+    slope = slopes(block)
+    size = len(linear.columns)
+    gradient, matrix = points.new_zeros(batch, size), points.new_zeros(batch, size, size)
+    chunk = max(1, ROWS // max(1, batch * size))
+    for first in range(0, count, chunk):
+        part = slice(first, first + chunk)
+        own = Feet(*(getattr(feet, f.name)[:, part] for f in fields(Feet)))
+        jacobian = distance_jacobian(directions[:, part], own, stations, edges.shape[1], linear.table)
+        gradient += _weighted(jacobian, (slope * distances)[:, part])
+        matrix += gram(jacobian, slope[:, part])
+    return block, gradient, matrix
+
+
+def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[Tensor, "batch m columns"]:
+    """Derivatives of a block's residuals."""
+    if block.gaps is not None:
+        return block.gaps.columns(linear.table).flatten(1, 2)
+    if block.name == "regularity":
+        c = objective.conditions
+        fading = torch.sigmoid((c.margin - linear.margin) / c.margin_width)
+        return (-fading[..., None] * linear.margin_columns).flatten(1, 2)
+    if block.name == "roughness":
+        return linear.roughness
+    return linear.constraints[block.name]
+
+
+def slopes(block: Block) -> Float[Tensor, "batch m"]:
+    """Gauss-Newton weights of a block's residuals: 2 weight rho'. Times the residual: the value's derivative by it."""
+    return (2 * block.weight * block.loss(block.residual.square())[1]).expand_as(block.residual)
+
+
+def gram(jacobian: Float[Tensor, "batch m size"], weights: Float[Tensor, "batch m"]) -> Float[Tensor, "batch size size"]:
+    """J^T W J, one problem at a time, so that rounding does not depend on the batch."""
+    return torch.stack([j.mT @ (j * w[:, None]) for j, w in zip(jacobian, weights)])
+
+
+def _weighted(jacobian: Tensor, weights: Tensor) -> Float[Tensor, "batch size"]:
+    return torch.stack([w @ j for j, w in zip(jacobian, weights)])
