@@ -97,11 +97,11 @@ class FramesCup(Cup):
         turn = free.new_ones(3 * self.panels)
         return torch.cat((free.flatten(), turn)).nonzero()[:, 0]
 
-    def ends(self, shape: CupShape) -> Float[Tensor, "batch panels*3"]:
+    def ends(self, shape: CupShape) -> Float[Tensor, "batch m"]:
         """Gap between each edge's end and the wire's end, (38), (39)."""
         return (shape.edges[:, 1:, -1] - shape.edges[:, :1, -1]).flatten(1)
 
-    def twist(self, shape: CupShape) -> Float[Tensor, "batch panels*inner"]:
+    def twist(self, shape: CupShape) -> Float[Tensor, "batch m"]:
         """det(zeta_a, zeta_b, d) at the inner stations, (40), (41) pointwise."""
         inner = slice(1, -1)
         lower, upper = shape.tangents[:, :-1, inner], shape.tangents[:, 1:, inner]

@@ -140,8 +140,8 @@ def _from_samples(positions: np.ndarray, length: float, smoothing: float) -> Wir
     """One wire from its positions at Chebyshev points of the arc length."""
     scale = length / LENGTH
     coefficients = chebyshev_analysis(len(positions)) @ (positions / scale)
-    tensors = (torch.from_numpy(coefficients)[None], torch.tensor([scale]), torch.tensor([smoothing]))
-    return Wire(*(t.double() for t in tensors))
+    numbers = (torch.tensor([v], dtype=torch.float64) for v in (scale, smoothing))
+    return Wire(torch.from_numpy(coefficients)[None], *numbers)
 
 
 def _fit_series(x: np.ndarray, points: np.ndarray, chords: np.ndarray, smoothing: float) -> np.ndarray:
