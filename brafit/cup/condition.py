@@ -10,7 +10,7 @@ from torch import Tensor
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, unit
-from brafit.geometry.nearest import gather_rows, hermite, hermite_slope
+from brafit.geometry.nearest import gather_rows, hermite, hermite_slope, nearest_feet
 
 Points = Float[Tensor, "batch m 3"]
 
@@ -94,14 +94,13 @@ def gaps_to_points(shape: CupShape, edge: int, points: Points) -> Gaps:
     n = line.shape[1]
     own = torch.cat((line, tangents), dim=1)
     with torch.no_grad():
-        segment, tau = nearest_on_polyline(points, line)
+        # An edge is a panel without width to the search, which finds its foot points to round-off.
+        curve, slopes = (v.detach()[:, None].expand(-1, 2, -1, -1) for v in (line, tangents))
+        feet = nearest_feet(points, curve, slopes, stations)
+        segment, tau = feet.interval, feet.tau
         h = stations[segment + 1] - stations[segment]
         index = torch.stack((segment, segment + 1, segment + n, segment + n + 1), dim=-1)
         samples = gather_rows(own, index)
-        for _ in range(2):
-            foot = (samples * hermite(tau, h)[..., None]).sum(-2)
-            slope = (samples * hermite_slope(tau, h)[..., None]).sum(-2)
-            tau = (tau + dot(points - foot, slope) / dot(slope, slope).clamp_min(1e-30)).clamp(0, 1)
         weight = hermite(tau, h)
         slope = (samples * hermite_slope(tau, h)[..., None]).sum(-2)
         end = ((segment == 0) & (tau == 0)) | ((segment == n - 2) & (tau == 1))
