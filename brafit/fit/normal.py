@@ -6,6 +6,7 @@ the samples' derivatives. Automatic differentiation never runs through a search.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import torch
@@ -29,7 +30,6 @@ class Normal:
         value: the objective.
         gradient, matrix: its gradient and Gauss-Newton matrix by these parameters.
         margin: smallest regularity margin.
-        feet: the points' feet, for the next search to start from.
         terms: value of every block.
     """
 
@@ -37,14 +37,12 @@ class Normal:
     gradient: Float[Tensor, "batch columns"]
     matrix: Float[Tensor, "batch columns columns"]
     margin: Float[Tensor, " batch"]
-    feet: Feet
     terms: dict[str, Float[Tensor, " batch"]]
 
-    def map(self, function) -> "Normal":
+    def map(self, function: Callable[[Tensor], Tensor]) -> "Normal":
         """With `function` applied to every tensor."""
-        feet = Feet(*(function(getattr(self.feet, f.name)) for f in fields(Feet)))
         parts = (function(v) for v in (self.value, self.gradient, self.matrix, self.margin))
-        return Normal(*parts, feet, {k: function(v) for k, v in self.terms.items()})
+        return Normal(*parts, {k: function(v) for k, v in self.terms.items()})
 
 
 @torch.no_grad()
@@ -69,7 +67,7 @@ def normal_equations(
     value = torch.stack(list(values.values())).sum(0)
     order = linear.columns.argsort()
     gradient, matrix = gradient[:, order], matrix[:, order][:, :, order]
-    return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), feet, values)
+    return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), values)
 
 
 def _points(objective: Objective, linear: Linearised, feet: Feet) -> tuple[Block, Tensor, Tensor]:

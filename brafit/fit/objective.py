@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 from functools import partial
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from brafit.cup.base import Cup
@@ -111,14 +111,20 @@ class Objective:
         cup: the cup model; its wire and buffers are used, its parameters come as flat matrices.
         targets: what to fit.
         conditions: weights and widths.
+        groups: problems with the same number are starts of the same scan; by default every problem is a scan of its own.
     """
 
-    def __init__(self, cup: Cup, targets: Targets, conditions: Conditions):
+    def __init__(self, cup: Cup, targets: Targets, conditions: Conditions, groups: Int[Tensor, " batch"] | None = None):
         self.cup, self.targets, self.conditions = cup, targets, conditions
+        self.groups = torch.arange(cup.batch, device=targets.points.device) if groups is None else groups
 
     def select(self, index: Tensor) -> "Objective":
         """The problems with these batch indices."""
-        return Objective(self.cup.select(index), self.targets.select(index), self.conditions)
+        return Objective(self.cup.select(index), self.targets.select(index), self.conditions, self.groups[index])
+
+    def thinned(self, count: int) -> "Objective":
+        """The same problems with at most `count` points each."""
+        return Objective(self.cup, self.targets.thinned(count), self.conditions, self.groups)
 
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:
         """Nearest points of the targets' clouds on the cups."""

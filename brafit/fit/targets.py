@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -59,6 +59,20 @@ class Targets:
     def select(self, index: Tensor) -> "Targets":
         """The targets with these batch indices (repetitions allowed)."""
         return Targets(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def thinned(self, count: int) -> "Targets":
+        """The targets with at most `count` points each, evenly picked in the order of the cloud."""
+        if count >= self.points.shape[1]:
+            return self
+        own = (self.weights > 0).sum(1, keepdim=True).clamp_max(self.points.shape[1])
+        kept = own.clamp_max(count)
+        rank = torch.arange(count, device=own.device)
+        index = (rank * own) // kept.clamp_min(1)
+        there = rank < kept
+        index = torch.where(there, index, torch.zeros_like(index))
+        points = self.points.gather(1, index[..., None].expand(-1, -1, 3))
+        weights = torch.where(there, self.weights.gather(1, index), 0.0)
+        return replace(self, points=points, weights=weights / weights.sum(1, keepdim=True).clamp_min(1e-30))
 
     @staticmethod
     def stack(targets: Sequence[Target], scale: Float[Tensor, " batch"]) -> "Targets":

@@ -1,0 +1,229 @@
+"""Batched Levenberg-Marquardt: every problem has its own damping, acceptance and end.
+
+Each stage frees more terms of the cup's series. Early stages see a thinned cloud and all starts; after a stage only the best starts of
+each scan go on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from brafit.fit.anneal import close
+from brafit.fit.normal import Normal, normal_equations
+from brafit.fit.objective import Objective, Pressure
+from brafit.fit.result import ResultCode
+from brafit.fit.solver import Callback, Solution, Step
+
+_COMPACT = 0.75
+"""Finished problems leave the batch once less than this share of it still runs."""
+_LOOKS = 3
+"""How often the barrier may be raised."""
+
+
+@dataclass(frozen=True)
+class LMStage:
+    """One stage of the schedule.
+
+    Attributes:
+        terms: terms of the cup's series that are free; None: all.
+        points: points of each cloud that are looked at; None: all.
+        steps: steps at most.
+        keep: starts per scan that go on after the stage.
+        penalty: penalty mu of the cup's constraints, where it has any.
+        tolerance: relative decrease of the objective, expected and found, at which a problem has converged.
+    """
+
+    steps: int
+    terms: int | None = None
+    points: int | None = None
+    keep: int | None = None
+    penalty: float = 1.0
+    tolerance: float = 1e-6
+
+    def __post_init__(self) -> None:
+        if self.steps < 1 or not self.penalty > 0:
+            raise ValueError(f"a stage needs steps >= 1 and penalty > 0, got {self.steps} and {self.penalty}")
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where B minimisations ended.
+
+    Attributes:
+        place, value, margin: the best place, its value and regularity margin.
+        history: value after every step; the last one repeats once a problem has ended.
+    """
+
+    place: Float[Tensor, "batch size"]
+    value: Float[Tensor, " batch"]
+    margin: Float[Tensor, " batch"]
+    converged: Bool[Tensor, " batch"]
+    diverged: Bool[Tensor, " batch"]
+    steps: Int[Tensor, " batch"]
+    history: Float[Tensor, "steps batch"]
+
+
+class LM:
+    """Runs its stages in turn.
+
+    Args:
+        stages: the schedule (`LMStage`s or mappings with their fields).
+        margin: tolerance below the conditions' regularity margin at which the barrier is raised for a problem, tenfold each time.
+    """
+
+    def __init__(self, stages: Sequence[LMStage | dict], margin: float = 0.01):
+        if not stages:
+            raise ValueError("solver.stages needs at least one stage")
+        self.stages = [s if isinstance(s, LMStage) else LMStage(**s) for s in stages]
+        self.margin = margin
+
+    def solve(self, objective: Objective, start: Float[Tensor, "batch size"], callback: Callback | None) -> Solution:
+        """Minimise every problem of the objective from its start."""
+        place, batch = start.clone(), len(start)
+        live = torch.arange(batch, device=start.device)
+        value = torch.full_like(start[:, 0], torch.inf)
+        codes = [ResultCode.DIVERGED] * batch
+        steps = torch.zeros(batch, dtype=torch.long, device=start.device)
+        barrier = torch.ones_like(start[:, :1])
+        multipliers: dict[str, Tensor] = {}
+        total, done = sum(s.steps for s in self.stages), 0
+        notes: list[list[str]] = [[] for _ in range(batch)]
+
+        for number, stage in enumerate(self.stages):
+            last = number == len(self.stages) - 1
+            for look in range(_LOOKS + 1 if last else 1):
+                running = live if look == 0 else live[low]
+                part = objective.select(running)
+                part = part if stage.points is None else part.thinned(stage.points)
+                pressure = Pressure(
+                    stage.penalty, {k: v[running] for k, v in multipliers.items()}, barrier[running]
+                )
+                name = f"{number + 1} lm"
+                ending = minimise(part, place[running], pressure, stage, lambda k, t: _tell(callback, name, done + k, total, t))
+                place[running], value[running] = ending.place, ending.value
+                steps[running] += ending.steps
+                for row, diverged, converged in zip(running.tolist(), ending.diverged.tolist(), ending.converged.tolist()):
+                    codes[row] = (
+                        ResultCode.DIVERGED if diverged else ResultCode.CONVERGED if converged else ResultCode.STEP_LIMIT
+                    )
+                if look == 0:
+                    margin = torch.full_like(value, torch.inf)
+                margin[running] = ending.margin
+                low = margin[live] < objective.conditions.margin - self.margin
+                if not low.any():
+                    break
+                barrier[live[low]] *= 10
+            for name, residual in objective.constraints(objective.cup.sketch(place)).items():
+                kept = multipliers.setdefault(name, torch.zeros_like(residual))
+                kept[live] += stage.penalty * residual[live].detach()
+            done += stage.steps
+            value[value.isnan()] = torch.inf
+            if stage.keep is not None:
+                live = _best(live, value, objective.groups, stage.keep, notes)
+        pressure = Pressure(self.stages[-1].penalty, multipliers, barrier)
+        return Solution(close(objective, place, pressure), codes, steps, pressure)
+
+
+def _tell(callback: Callback | None, stage: str, index: int, total: int, terms: dict[str, Tensor]) -> None:
+    if callback is not None:
+        callback(Step(stage, index, total, terms))
+
+
+def _best(live: Tensor, value: Tensor, groups: Tensor, keep: int, notes: list[list[str]]) -> Tensor:
+    """The best `keep` of each group's live problems, in order."""
+    chosen = []
+    for group in groups[live].unique().tolist():
+        own = live[groups[live] == group]
+        chosen.append(own[value[own].argsort(stable=True)[:keep]])
+    return torch.cat(chosen).sort().values
+
+
+@torch.no_grad()
+def minimise(objective: Objective, start: Float[Tensor, "batch size"], pressure: Pressure, stage: LMStage, tell) -> Minimum:
+    """Minimise every problem by the terms that are free in the stage.
+
+    The damping follows Nielsen (1999): it falls smoothly with the ratio of found to expected decrease, and grows ever faster while steps
+    are refused.
+    """
+    columns = objective.cup.columns(stage.terms)
+    batch = len(start)
+    index = torch.arange(batch, device=start.device)
+    place, result = start, start.clone()
+    here = normal_equations(objective, place, pressure, stage.terms)
+    value, margin = here.value.clone(), here.margin.clone()
+    converged = torch.zeros(batch, dtype=torch.bool, device=start.device)
+    diverged = ~(here.value.isfinite() & here.matrix.isfinite().all(-1).all(-1))
+    steps = torch.zeros(batch, dtype=torch.long, device=start.device)
+    damping = torch.full_like(here.value, 1e-3)
+    growth = torch.full_like(damping, 2.0)
+    ended = diverged.clone()
+    history = []
+    for count in range(stage.steps):
+        running = ~ended[index]
+        if not running.any():
+            break
+        if running.sum() < _COMPACT * len(index):
+            keep = running.nonzero()[:, 0]
+            index, place, damping, growth = index[keep], place[keep], damping[keep], growth[keep]
+            here = here.map(lambda v: v[keep])
+            objective, pressure = objective.select(keep), pressure.select(keep)
+            running = running[keep]
+        move, expected = _step(here, damping)
+        trial = place.clone()
+        trial[:, columns] += move
+        there = normal_equations(objective, trial, pressure, stage.terms)
+        gain = here.value - there.value
+        ratio = gain / expected
+        finite = there.value.isfinite() & there.matrix.isfinite().all(-1).all(-1)
+        accepted = running & finite & (gain > 0)
+        small = stage.tolerance * here.value
+        finished = running & (expected < small) & (gain.abs() < small) & finite
+        finished |= running & (damping > 1e10)
+        place = torch.where(accepted[:, None], trial, place)
+        here = _choose(accepted, there, here)
+        eased = damping * (1 - (2 * ratio - 1) ** 3).clamp(1 / 5, 2)
+        damping = torch.where(accepted, eased, damping * growth).clamp_min(1e-12)
+        growth = torch.where(accepted, 2.0, growth * 2)
+        steps[index] += running
+        ended[index] |= finished
+        converged[index] |= finished
+        value[index], result[index], margin[index] = here.value, place, here.margin
+        history.append(value.clone())
+        tell(count, {"objective": here.value, **here.terms})
+    return Minimum(result, value, margin, converged, diverged, steps, torch.stack(history) if history else value[None])
+
+
+def _step(here: Normal, damping: Tensor) -> tuple[Float[Tensor, "batch columns"], Float[Tensor, " batch"]]:
+    """The damped Gauss-Newton step, and the decrease of the quadratic model along it."""
+    diagonal = here.matrix.diagonal(dim1=-2, dim2=-1)
+    scale = torch.maximum(diagonal, 1e-6 * diagonal.amax(-1, keepdim=True)).clamp_min(1e-30)
+    extra = damping[:, None] * scale
+    factor, failed = torch.linalg.cholesky_ex(here.matrix + torch.diag_embed(extra))
+    right = here.gradient[..., None]
+    move = torch.linalg.solve_triangular(factor, right, upper=False)
+    move = -torch.linalg.solve_triangular(factor.mT, move, upper=True)[..., 0]
+    usable = (failed == 0) & move.isfinite().all(-1)
+    move = torch.where(usable[:, None], move, torch.zeros_like(move))
+    # model decrease: -g.m - m.H.m / 2 with H m = -g - extra m
+    expected = 0.5 * ((extra * move - here.gradient) * move).sum(-1)
+    return move, torch.where(usable, expected, torch.inf)
+
+
+def _choose(which: Tensor, first: Normal, second: Normal) -> Normal:
+    """Problem by problem one of two."""
+
+    def pick(a: Tensor, b: Tensor) -> Tensor:
+        return torch.where(which.view(-1, *[1] * (a.dim() - 1)), a, b)
+
+    return Normal(
+        pick(first.value, second.value),
+        pick(first.gradient, second.gradient),
+        pick(first.matrix, second.matrix),
+        pick(first.margin, second.margin),
+        {k: pick(v, second.terms[k]) for k, v in first.terms.items()},
+    )
