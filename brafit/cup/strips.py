@@ -7,22 +7,26 @@ error of the nodes; no constraint is left.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
+from torch.nn.functional import pad
 
 from brafit.cup.base import Cup, Linearised
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, Wire
 from brafit.geometry.developable import dot, unit
-from brafit.geometry.grid import like
-from brafit.geometry.ritz import ritz_basis
+from brafit.geometry.grid import chebyshev_synthesis, like
 from brafit.geometry.strip import Nodes, Rates, Strip, apply, apply_row, next_rates, roll, strip, turned
 
 RIB_LIMIT = 1.3
 """Largest rib angle in radians: alpha = 1.3 tanh(series / 1.3)."""
+CORNER_WIDTH = 0.03
+"""Rounding of the upper edge's corner, as a share of half the wire."""
 
 
 class StripsCup(Cup):
@@ -33,115 +37,141 @@ class StripsCup(Cup):
         panels: number of panels.
         terms: terms of both series of a panel (Chebyshev polynomials of the wire's arc length).
         stations: samples of the output along the wire, evenly spaced.
-        nodes: Chebyshev nodes at which the panels are integrated and fitted.
+        nodes: Chebyshev nodes of the fit.
+        output_nodes: Chebyshev nodes of the output: as many as make it exact.
 
     Parameters:
         angle (B, panels): phi_0, the angle by which each panel leaves the reference normal in the middle of its lower edge: the chest's normal at the
             wire, the panel below at the ridges.
         rib (B, panels, terms): series of the rib angle before its bound.
         length (B, panels, terms): series of log(t / (1 - x^2)), t the ruling length, x in [-1, 1] along the wire.
+        corner (B, 2): c and x0 of the term c |x - x0| (rounded off) in the last panel's log length: the upper edge may have one corner.
     """
 
-    def __init__(self, wire: Wire, panels: int = 2, terms: int = 10, stations: int = 201, nodes: int = 48):
+    def __init__(
+        self,
+        wire: Wire,
+        panels: int = 2,
+        terms: int = 10,
+        stations: int = 201,
+        nodes: int = 48,
+        output_nodes: int = 128,
+    ):
         super().__init__(wire, panels, stations)
         if terms < 1:
             raise ValueError(f"a series needs at least 1 term, got {terms}")
-        if nodes < 2 * terms:
-            raise ValueError(f"{terms} terms need at least {2 * terms} nodes, got {nodes}")
-        self.terms, self.nodes = terms, nodes
+        if min(nodes, output_nodes) < 2 * terms:
+            raise ValueError(f"{terms} terms need at least {2 * terms} nodes, got {nodes} and {output_nodes}")
+        self.terms = terms
         some = wire.coefficients
         self.angle = nn.Parameter(some.new_zeros(len(wire), panels))
         self.rib = nn.Parameter(some.new_zeros(len(wire), panels, terms))
         self.length = nn.Parameter(some.new_zeros(len(wire), panels, terms))
-        operators = Nodes.of(nodes, LENGTH)
-        x = 2 * operators.s / LENGTH - 1
-        constants = {
-            "_s": operators.s,
-            "_derivative": operators.derivative,
-            "_integral": operators.integral,
-            "_to_stations": operators.interpolation(self.stations.cpu().double().numpy()),
-            "_bump": 1 - x * x,
-            "_bump_slope": -2 * x * (2 / LENGTH),
-        }
-        for name, value in constants.items():
-            self.register_buffer(name, like(value, some), persistent=False)
-        basis = ritz_basis("chebyshev", terms, torch.from_numpy(operators.s) / LENGTH)
-        slope = apply(torch.from_numpy(operators.derivative), basis.mT).mT
-        self.register_buffer("_basis", basis.to(some), persistent=False)
-        self.register_buffer("_basis_slope", slope.to(some), persistent=False)
-        for name, value in _wire_frame(wire, self._s, self._derivative).items():
-            self.register_buffer(f"_wire_{name}", value, persistent=False)
+        self.corner = nn.Parameter(some.new_zeros(len(wire), 2))
+        self.grid = _Grid.of(wire, terms, nodes)
+        self.output_grid = _Grid.of(wire, terms, output_nodes)
+        self._place_stations()
+
+    def _place_stations(self) -> None:
+        operators = Nodes.of(len(self.output_grid.s), LENGTH)
+        to_stations = operators.interpolation(self.stations.cpu().double().numpy())
+        self.register_buffer("_to_stations", like(to_stations, self.stations), persistent=False)
 
     @property
     def layout(self) -> dict[str, tuple[int, ...]]:
-        return {"angle": (self.panels,), "rib": (self.panels, self.terms), "length": (self.panels, self.terms)}
+        series = (self.panels, self.terms)
+        return {"angle": (self.panels,), "rib": series, "length": series, "corner": (2,)}
 
     def columns(self, terms: int | None = None) -> Int[Tensor, " columns"]:
         return self._panel_columns(terms).sort().values
 
     def _panel_columns(self, terms: int | None) -> Int[Tensor, " columns"]:
-        """Panel by panel: angle, rib, length."""
-        each = torch.arange(self.terms if terms is None else min(terms, self.terms), device=self._s.device)
+        """Panel by panel: angle, rib, length; the corner last."""
+        each = torch.arange(self.terms if terms is None else min(terms, self.terms), device=self.stations.device)
         parts = []
         for i in range(self.panels):
             rib = self.panels + i * self.terms + each
             parts += [each.new_tensor([i]), rib, rib + self.panels * self.terms]
-        return torch.cat(parts)
+        return torch.cat((*parts, each.new_tensor([self.size - 2, self.size - 1])))
 
     # --- the chain of panels ---
 
-    def _series(self, coefficients: Float[Tensor, "batch terms"]) -> tuple[Tensor, Tensor]:
-        values = [(coefficients[:, :, None] * b).sum(1) for b in (self._basis, self._basis_slope)]
-        return values[0], values[1]
+    def _log_length(
+        self, named: dict[str, Tensor], i: int, x: Tensor, basis: Tensor, basis_slope: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """log(t / (1 - x^2)) of panel i at x and its derivative by s."""
+        log, slope = (_series(named["length"][:, i], b) for b in (basis, basis_slope))
+        if i == self.panels - 1:
+            corner, corner_slope = _corner(named["corner"], x)
+            log, slope = log + corner, slope + corner_slope
+        return log, slope
 
-    def _march(
-        self, flat: Float[Tensor, "batch size"]
-    ) -> Iterator[tuple[Rates, Tensor, Tensor, Tensor, Strip, Tensor, Tensor, Tensor, Tensor]]:
-        """Panel by panel: rates, lower edge, its T, the saturation of the rib angle, the strip, d, d_max, eta, t'."""
+    def _march(self, flat: Float[Tensor, "batch size"], grid: "_Grid") -> Iterator["_Panel"]:
+        """The panels in turn, at the nodes of a grid."""
         named = self.split(flat)
-        rates = Rates(self._wire_speed, self._wire_k1, self._wire_k2, self._wire_w)
-        edge, T, U, V = self._wire_edge, self._wire_T, self._wire_U, self._wire_V
+        rates = Rates(grid.speed, grid.k1, grid.k2, grid.w)
+        edge, T, U, V = grid.edge, grid.T, grid.U, grid.V
         for i in range(self.panels):
-            lean, lean_slope = self._series(named["rib"][:, i])
+            lean, lean_slope = (_series(named["rib"][:, i], b) for b in (grid.basis, grid.basis_slope))
             bounded = torch.tanh(lean / RIB_LIMIT)
             alpha, saturation = RIB_LIMIT * bounded, 1 - bounded * bounded
-            log, log_slope = self._series(named["length"][:, i])
+            log, log_slope = self._log_length(named, i, grid.x, grid.basis, grid.basis_slope)
             size = torch.exp(log)
-            t, t_slope = size * self._bump, size * (self._bump_slope + self._bump * log_slope)
-            phi, _ = roll(rates, torch.tan(alpha), named["angle"][:, i], self._integral)
+            t, t_slope = size * grid.bump, size * (grid.bump_slope + grid.bump * log_slope)
+            phi, _ = roll(rates, torch.tan(alpha), named["angle"][:, i], grid.integral)
             panel = strip(rates, phi, alpha, saturation * lean_slope, t, t_slope)
             xi, eta = turned(U, V, phi)
             d_max, d = turned(T, xi, alpha)
-            yield rates, edge, T, torch.stack((bounded, lean_slope)), panel, d, d_max, eta, t_slope
+            yield _Panel(rates, edge, T, bounded, lean_slope, t_slope, panel, d, d_max, eta)
             edge = edge + t[..., None] * d
             T, U = turned(d_max, d, -panel.beta)
             V = eta
             if i + 1 < self.panels:
-                rates = next_rates(panel, self._derivative)
+                rates = next_rates(panel, grid.derivative)
+
+    def _shape(self, grid: "_Grid", panels: list["_Panel"]) -> CupShape:
+        edges, tangents = [grid.edge], [grid.T * grid.speed[..., None]]
+        for panel in panels:
+            edges.append(panel.upper)
+            tangents.append(panel.upper_tangent)
+        return CupShape(
+            stations=grid.s,
+            edges=torch.stack(edges, dim=1),
+            tangents=torch.stack(tangents, dim=1),
+            directions=torch.stack([panel.d for panel in panels], dim=1),
+            normals=torch.stack([panel.eta for panel in panels], dim=1),
+            geodesic=torch.stack([panel.strip.omega_eta / panel.rates.speed for panel in panels], dim=1),
+        )
 
     def sketch(self, flat: Float[Tensor, "batch size"]) -> CupShape:
-        """The cups at the nodes."""
-        edges, tangents = [self._wire_edge], [self._wire_T * self._wire_speed[..., None]]
-        directions, normals, geodesic = [], [], []
-        for rates, edge, _, _, panel, d, d_max, eta, _ in self._march(flat):
-            edges.append(edge + panel.t[..., None] * d)
-            tangents.append(panel.p[..., None] * d + panel.q[..., None] * d_max)
-            directions.append(d)
-            normals.append(eta)
-            geodesic.append(panel.omega_eta / rates.speed)
-        stacked = (torch.stack(v, dim=1) for v in (edges, tangents, directions, normals, geodesic))
-        return CupShape(self._s, *stacked)
+        """The cups at the nodes of the fit."""
+        return self._shape(self.grid, list(self._march(flat, self.grid)))
 
     def shape_of(self, flat: Float[Tensor, "batch size"]) -> CupShape:
-        nodes = self.sketch(flat)
-        at = self._to_stations
-        edges, tangents = apply(at, nodes.edges), apply(at, nodes.tangents)
-        edges = torch.cat((edges[:, :, :1] * 0 + edges[:, :1, :1], edges[:, :, 1:-1], edges[:, :, -1:] * 0 + edges[:, :1, -1:]), 2)
+        panels = list(self._march(flat, self.output_grid))
+        nodes, at = self._shape(self.output_grid, panels), self._to_stations
+        directions = unit(apply(at, nodes.directions))
+        edges, tangents = apply(at, nodes.edges[:, :-1]), apply(at, nodes.tangents[:, :-1])
+        # The upper edge may have a corner, which no polynomial follows: what it is made of is smooth, and its lengths are evaluated here.
+        last = panels[-1]
+        x = 2 * self.stations / LENGTH - 1
+        basis, basis_slope = _basis(self.terms, x)
+        log, log_slope = self._log_length(self.split(flat), self.panels - 1, x, basis, basis_slope)
+        bump = (1 - x * x).clamp_min(0)
+        t, t_slope = torch.exp(log) * bump, torch.exp(log) * (bump * log_slope - 4 / LENGTH * x)
+        sine, cosine = torch.sin(last.strip.alpha), torch.cos(last.strip.alpha)
+        back, opening, spin = (
+            apply_row(at, v) for v in (last.rates.speed * sine, last.rates.speed * cosine, last.strip.spin)
+        )
+        d = directions[:, -1]
+        d_max = torch.linalg.cross(d, unit(apply(at, last.eta)))
+        upper = edges[:, -1] + t[..., None] * d
+        upper_tangent = (t_slope - back)[..., None] * d + (opening - t * spin)[..., None] * d_max
         return CupShape(
             stations=self.stations,
-            edges=edges,
-            tangents=tangents,
-            directions=unit(apply(at, nodes.directions)),
+            edges=torch.cat((edges, upper[:, None]), dim=1),
+            tangents=torch.cat((tangents, upper_tangent[:, None]), dim=1),
+            directions=directions,
             normals=unit(apply(at, nodes.normals)),
             geodesic=apply_row(at, nodes.geodesic),
         )
@@ -151,84 +181,78 @@ class StripsCup(Cup):
     @torch.no_grad()
     def linearise(self, flat: Float[Tensor, "batch size"], terms: int | None = None) -> Linearised:
         """The cups at the nodes and their derivatives, in closed form: the linearised equations of `brafit.geometry.strip`."""
-        columns = self._panel_columns(terms)
+        grid, columns = self.grid, self._panel_columns(terms)
         terms = (len(columns) // self.panels - 1) // 2
-        n, own = self.nodes, 2 * terms + 1
-        batch = len(flat)
-        basis, basis_slope = self._basis[:terms].mT, self._basis_slope[:terms].mT  # (n, terms)
+        n, batch = len(grid.s), len(flat)
+        basis, basis_slope = grid.basis[:terms].mT, grid.basis_slope[:terms].mT  # (n, terms)
         rows = (self.panels + 1) * n
-        table = flat.new_zeros(batch, 2 * rows, 3, self.panels * own)
-        margins, margin_columns = [], flat.new_zeros(batch, self.panels, n, self.panels * own)
-        edges, tangents = [self._wire_edge], [self._wire_T * self._wire_speed[..., None]]
-        directions, normals, geodesic = [], [], []
+        table = flat.new_zeros(batch, 2 * rows, 3, len(columns))
+        margins, margin_columns = [], flat.new_zeros(batch, self.panels, n, len(columns))
         width = 0
         d_speed = d_k1 = d_k2 = d_w = flat.new_zeros(batch, n, 0)
         d_edge = theta = flat.new_zeros(batch, n, 3, 0)
-        steps = list(self._march(flat))
-        for i, (rates, edge, T, (bounded, lean_slope), panel, d, d_max, eta, t_slope) in enumerate(steps):
+        panels = list(self._march(flat, grid))
+        for i, panel in enumerate(panels):
+            own_log, own_log_slope = basis, basis_slope
+            if i == self.panels - 1:
+                extra, extra_slope = _corner_columns(self.split(flat)["corner"], grid.x)
+                own_log = torch.cat((basis.expand(batch, -1, -1), extra), dim=-1)
+                own_log_slope = torch.cat((basis_slope.expand(batch, -1, -1), extra_slope), dim=-1)
+            own = 1 + terms + own_log.shape[-1]
             size = width + own
             angle, rib, length = width, slice(width + 1, width + 1 + terms), slice(width + 1 + terms, size)
-            sine, cosine = (f(panel.phi)[..., None] for f in (torch.sin, torch.cos))
-            rib_sine, rib_cosine = (f(panel.alpha)[..., None] for f in (torch.sin, torch.cos))
+            scalars = panel.strip
+            sine, cosine = (f(scalars.phi)[..., None] for f in (torch.sin, torch.cos))
+            rib_sine, rib_cosine = (f(scalars.alpha)[..., None] for f in (torch.sin, torch.cos))
             slope = rib_sine / rib_cosine
-            omega_xi, omega_eta = panel.omega_xi[..., None], panel.omega_eta[..., None]
-            t, p, q, spin, speed = (v[..., None] for v in (panel.t, panel.p, panel.q, panel.spin, panel.speed))
+            omega_xi, omega_eta = scalars.omega_xi[..., None], scalars.omega_eta[..., None]
+            t, p, q, spin, speed = (v[..., None] for v in (scalars.t, scalars.p, scalars.q, scalars.spin, scalars.speed))
 
-            saturation = (1 - bounded * bounded)[..., None]
-            twice = (2 / RIB_LIMIT * bounded * lean_slope)[..., None]
+            saturation = (1 - panel.bounded * panel.bounded)[..., None]
+            twice = (2 / RIB_LIMIT * panel.bounded * panel.lean_slope)[..., None]
             own_alpha = saturation * basis
             own_alpha_slope = saturation * (basis_slope - twice * basis)
-            own_t = t * basis
-            own_t_slope = t_slope[..., None] * basis + t * basis_slope
-
-            def field(before: Tensor) -> Tensor:
-                return torch.nn.functional.pad(before, (0, own))
+            own_t = t * own_log
+            own_t_slope = panel.t_slope[..., None] * own_log + t * own_log_slope
 
             # the roll: delta' + a delta = h, delta(middle) = delta of the angle
             h = flat.new_empty(batch, n, width + terms)
             h[..., :width] = -d_w - (d_k1 * sine - d_k2 * cosine) * slope
             h[..., width:] = -omega_xi / rib_cosine**2 * own_alpha
-            factor = torch.exp(apply(self._integral, omega_eta * slope).clamp(-40, 40))
-            h = apply(self._integral, factor * h) / factor
+            factor = torch.exp(apply(grid.integral, omega_eta * slope).clamp(-40, 40))
+            h = apply(grid.integral, factor * h) / factor
             d_phi = flat.new_zeros(batch, n, size)
             d_phi[..., :width] = h[..., :width]
             d_phi[..., angle] = 1 / factor[..., 0]
             d_phi[..., rib] = h[..., width:]
 
-            d_xi, d_eta = field(d_k1 * sine - d_k2 * cosine), field(d_k1 * cosine + d_k2 * sine)
+            d_xi, d_spin = (pad(v, (0, own)) for v in (d_k1 * sine - d_k2 * cosine, d_k1 * cosine + d_k2 * sine))
             d_xi.addcmul_(omega_eta, d_phi)
-            d_eta.addcmul_(omega_xi, d_phi, value=-1)
-            d_spin = d_eta
+            d_spin.addcmul_(omega_xi, d_phi, value=-1)
             d_spin[..., rib] += own_alpha_slope
-            d_open = field(d_speed * rib_cosine)
+            d_open = pad(d_speed * rib_cosine, (0, own))
             d_open[..., rib] -= speed * rib_sine * own_alpha
             d_q = d_open - t * d_spin
             d_q[..., length] -= spin * own_t
-            d_p = field(-d_speed * rib_sine)
+            d_p = pad(-d_speed * rib_sine, (0, own))
             d_p[..., rib] -= speed * rib_cosine * own_alpha
             d_p[..., length] += own_t_slope
-            opening = panel.opening[..., None]
+            opening = scalars.opening[..., None]
             margin = q / opening
             margins.append(margin[..., 0])
             margin_columns[:, i, :, :size] = (d_q - margin * d_open) / opening
 
             # frames turn by theta, edges move
-            theta_panel = torch.nn.functional.pad(theta, (0, own))
-            theta_panel.addcmul_(T[..., None], d_phi[..., None, :])
-            theta_panel[..., rib] += eta[..., None] * own_alpha[..., None, :]
-            reach = panel.t[..., None] * d
-            moved = torch.nn.functional.pad(d_edge, (0, own)) + _cross(theta_panel, reach)
-            moved[..., length] += d[..., None] * own_t[..., None, :]
-            along = panel.p[..., None] * d + panel.q[..., None] * d_max
-            d_tangent = _cross(theta_panel, along)
-            d_tangent.addcmul_(d[..., None], d_p[..., None, :]).addcmul_(d_max[..., None], d_q[..., None, :])
-            table[:, (i + 1) * n : (i + 2) * n, :, :size] = moved
+            theta = pad(theta, (0, own))
+            theta.addcmul_(panel.T[..., None], d_phi[..., None, :])
+            theta[..., rib] += panel.eta[..., None] * own_alpha[..., None, :]
+            d_edge = pad(d_edge, (0, own)).add_(_cross(theta, panel.reach))
+            d_edge[..., length] += panel.d[..., None] * own_t[..., None, :]
+            d_tangent = _cross(theta, panel.upper_tangent)
+            d_tangent.addcmul_(panel.d[..., None], d_p[..., None, :])
+            d_tangent.addcmul_(panel.d_max[..., None], d_q[..., None, :])
+            table[:, (i + 1) * n : (i + 2) * n, :, :size] = d_edge
             table[:, rows + (i + 1) * n : rows + (i + 2) * n, :, :size] = d_tangent
-            edges.append(edge + reach)
-            tangents.append(along)
-            directions.append(d)
-            normals.append(eta)
-            geodesic.append(panel.omega_eta / rates.speed)
 
             if i + 1 < self.panels:
                 squared = p * p + q * q
@@ -237,19 +261,18 @@ class StripsCup(Cup):
                 bend = omega_xi / rib_cosine
                 d_bend = d_xi / rib_cosine
                 d_bend[..., rib] += bend * slope * own_alpha
-                turn_sine, turn_cosine = (f(panel.beta)[..., None] for f in (torch.sin, torch.cos))
-                d_k1 = d_spin - apply(self._derivative, d_beta)
+                turn_sine, turn_cosine = (f(scalars.beta)[..., None] for f in (torch.sin, torch.cos))
+                d_k1 = d_spin - apply(grid.derivative, d_beta)
                 d_k2 = turn_sine * bend * d_beta - turn_cosine * d_bend
                 d_w = -turn_cosine * bend * d_beta - turn_sine * d_bend
-                theta = theta_panel.addcmul_(eta[..., None], d_beta[..., None, :], value=-1)
-                d_edge, width = moved, size
-        stacked = (torch.stack(v, dim=1) for v in (edges, tangents, directions, normals, geodesic))
+                theta.addcmul_(panel.eta[..., None], d_beta[..., None, :], value=-1)
+                width = size
         return Linearised(
-            shape=CupShape(self._s, *stacked),
+            shape=self._shape(grid, panels),
             table=table,
             margin=torch.stack(margins, dim=1),
             margin_columns=margin_columns,
-            roughness=torch.diag(self.waviness)[:, columns].expand(batch, -1, -1),
+            roughness=torch.diag(self._waviness)[:, columns].expand(batch, -1, -1),
             constraints={},
             columns=columns,
         )
@@ -260,40 +283,169 @@ class StripsCup(Cup):
         return {}
 
     def roughness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
-        return flat * self.waviness
+        return flat * self._waviness
 
     @property
-    def waviness(self) -> Float[Tensor, " size"]:
-        order = torch.arange(self.terms, dtype=self._s.dtype, device=self._s.device).square()
-        return torch.cat((order.new_zeros(self.panels), order.repeat(2 * self.panels)))
+    def _waviness(self) -> Float[Tensor, " size"]:
+        """Squared order of each parameter's polynomial."""
+        order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device).square()
+        return torch.cat((order.new_zeros(self.panels), order.repeat(2 * self.panels), order.new_zeros(2)))
 
     @torch.no_grad()
-    def start(self, angles: Float[Tensor, "batch panels"], reaches: Float[Tensor, "batch panels"]) -> None:
+    def start(
+        self,
+        angles: Float[Tensor, "batch panels"],
+        reaches: Float[Tensor, "batch panels"],
+        corner: Float[Tensor, " batch"] | None = None,
+    ) -> None:
         """Rulings at right angles to the edges, and each ruling length a single bump, such that the middle ruling's ends are at these places."""
-        first = self._wire_edge[:, self.nodes // 2]
+        grid = self.grid
+        middle = len(grid.s) // 2
         profile = torch.stack((reaches * torch.cos(angles), reaches * torch.sin(angles)), dim=-1)
-        profile = torch.cat((first[:, None, ::2], profile), dim=1)
-        step = profile.diff(dim=1)
-        T, V = self._wire_T[:, self.nodes // 2], self._wire_V[:, self.nodes // 2]
-        U = torch.linalg.cross(V, T)
-        planar = torch.stack([(step * axis[:, None, ::2]).sum(-1) for axis in (U, V)])
-        heading = torch.atan2(planar[1], planar[0])
+        step = torch.cat((grid.edge[:, middle, None, ::2], profile), dim=1).diff(dim=1)
+        across, out = ((step * axis[:, middle, None, ::2]).sum(-1) for axis in (grid.U, grid.V))
+        heading = torch.atan2(out, across)
         turn = torch.cat((heading[:, :1], heading.diff(dim=1)), dim=1)
         self.angle.copy_(torch.remainder(turn + torch.pi, 2 * torch.pi) - torch.pi)
         self.rib.zero_()
         self.length.zero_()
         self.length[..., 0] = step.norm(dim=-1).clamp_min(1e-2 * LENGTH).log()
+        self.corner.zero_()
+        if corner is not None:
+            self.corner[:, 1] = corner
 
     def select(self, index: Tensor) -> "StripsCup":
-        cup = StripsCup(self.wire.select(index), self.panels, self.terms, self.stations.shape[0], self.nodes)
-        cup.load_flat(self.flatten().detach()[index])
-        return cup.to(self._s)
+        cup = copy.copy(self)
+        cup._parameters, cup._modules = dict(self._parameters), dict(self._modules)
+        for name in self.layout:
+            cup.register_parameter(name, nn.Parameter(self.get_parameter(name).detach()[index]))
+        cup.wire = self.wire.select(index)
+        cup.grid, cup.output_grid = self.grid.select(index), self.output_grid.select(index)
+        return cup
 
     def refined(self) -> "StripsCup":
-        """The same cups with half as many nodes again."""
-        cup = StripsCup(self.wire, self.panels, self.terms, self.stations.shape[0], self.nodes * 3 // 2)
-        cup.load_flat(self.flatten().detach())
-        return cup.to(self._s)
+        cup = self.select(torch.arange(self.batch, device=self.stations.device))
+        cup._buffers = dict(self._buffers)
+        cup.output_grid = _Grid.of(self.wire, self.terms, 2 * len(self.output_grid.s))
+        cup._place_stations()
+        return cup
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """One panel at the nodes: rates of its lower edge, the edge and its unit tangent, tanh of the rib angle's series and the series' slope, slope of
+    the ruling length, scalars, frame."""
+
+    rates: Rates
+    lower: Tensor
+    T: Tensor
+    bounded: Tensor
+    lean_slope: Tensor
+    t_slope: Tensor
+    strip: Strip
+    d: Tensor
+    d_max: Tensor
+    eta: Tensor
+
+    @property
+    def reach(self) -> Tensor:
+        return self.strip.t[..., None] * self.d
+
+    @property
+    def upper(self) -> Tensor:
+        return self.lower + self.reach
+
+    @property
+    def upper_tangent(self) -> Tensor:
+        return self.strip.p[..., None] * self.d + self.strip.q[..., None] * self.d_max
+
+
+class _Grid(nn.Module):
+    """Nodes with their operators and bases, and the wires there: positions, reference frame (V the chest's normal made orthogonal to T), rates."""
+
+    s: Tensor
+    x: Tensor
+    derivative: Tensor
+    integral: Tensor
+    bump: Tensor
+    bump_slope: Tensor
+    basis: Tensor
+    basis_slope: Tensor
+    edge: Tensor
+    T: Tensor
+    U: Tensor
+    V: Tensor
+    speed: Tensor
+    k1: Tensor
+    k2: Tensor
+    w: Tensor
+    WIRE = ("edge", "T", "U", "V", "speed", "k1", "k2", "w")
+
+    def __init__(self, tensors: dict[str, Tensor]):
+        super().__init__()
+        for name, value in tensors.items():
+            self.register_buffer(name, value, persistent=False)
+
+    @staticmethod
+    def of(wire: Wire, terms: int, nodes: int) -> "_Grid":
+        """The grid of so many nodes on these wires."""
+        some, operators = wire.coefficients, Nodes.of(nodes, LENGTH)
+        x = 2 * operators.s / LENGTH - 1
+        arrays = {
+            "s": operators.s,
+            "x": x,
+            "derivative": operators.derivative,
+            "integral": operators.integral,
+            "bump": 1 - x * x,
+            "bump_slope": -4 / LENGTH * x,
+        }
+        constants = {name: like(value, some) for name, value in arrays.items()}
+        basis, slope = _basis(terms, torch.from_numpy(x))
+        constants |= {"basis": basis.to(some), "basis_slope": slope.to(some)}
+        position, first, second = (wire.sample(constants["s"], k) for k in range(3))
+        speed = first.norm(dim=-1)
+        T = first / speed[..., None]
+        normal = torch.zeros_like(T)
+        normal[..., 2] = 1
+        V = unit(normal - dot(normal, T)[..., None] * T)
+        U = torch.linalg.cross(V, T)
+        turning = (second - dot(second, T)[..., None] * T) / speed[..., None]
+        twisting = -dot(apply(constants["derivative"], V), U)
+        rates = {"speed": speed, "k1": dot(turning, U), "k2": dot(turning, V), "w": twisting}
+        return _Grid({**constants, "edge": position, "T": T, "U": U, "V": V, **rates})
+
+    def select(self, index: Tensor) -> "_Grid":
+        """The grid on the wires with these batch indices."""
+        return _Grid({name: v[index] if name in self.WIRE else v for name, v in self.named_buffers()})
+
+
+def _basis(terms: int, x: Float[Tensor, " n"]) -> tuple[Float[Tensor, "terms n"], Float[Tensor, "terms n"]]:
+    """Chebyshev polynomials at x in [-1, 1] and their derivatives by s."""
+    points = x.cpu().double().numpy()
+    values, slopes = (chebyshev_synthesis(terms, points, k).T.copy() for k in (0, 1))
+    return like(values, x), like(slopes * (2 / LENGTH), x)
+
+
+def _series(coefficients: Float[Tensor, "batch terms"], basis: Float[Tensor, "terms n"]) -> Float[Tensor, "batch n"]:
+    return (coefficients[:, :, None] * basis).sum(1)
+
+
+def _corner(corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]) -> tuple[Tensor, Tensor]:
+    """The corner's term in the log length and its derivative by s."""
+    height, place = corner[:, :1], corner[:, 1:]
+    away = x - place
+    r = (away * away + CORNER_WIDTH**2).sqrt()
+    return height * r, height * away / r * (2 / LENGTH)
+
+
+def _corner_columns(corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]) -> tuple[Tensor, Tensor]:
+    """Derivatives of `_corner` by the corner's two parameters, in the last dimension."""
+    height, place = corner[:, :1], corner[:, 1:]
+    away = x - place
+    r = (away * away + CORNER_WIDTH**2).sqrt()
+    log = torch.stack((r, -height * away / r), dim=-1)
+    slope = torch.stack((away / r, -height * CORNER_WIDTH**2 / r**3), dim=-1)
+    return log, slope * (2 / LENGTH)
 
 
 def _cross(turn: Float[Tensor, "*batch 3 k"], vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 k"]:
@@ -301,17 +453,3 @@ def _cross(turn: Float[Tensor, "*batch 3 k"], vector: Float[Tensor, "*batch 3"])
     x, y, z = vector[..., None].unbind(-2)
     a, b, c = turn.unbind(-2)
     return torch.stack((b * z - c * y, c * x - a * z, a * y - b * x), dim=-2)
-
-
-def _wire_frame(wire: Wire, s: Tensor, derivative: Tensor) -> dict[str, Tensor]:
-    """The wire at the nodes: positions, reference frame (V the chest's normal made orthogonal to T), rates."""
-    position, first, second = (wire.sample(s, k) for k in range(3))
-    speed = first.norm(dim=-1)
-    T = first / speed[..., None]
-    normal = torch.zeros_like(T)
-    normal[..., 2] = 1
-    V = unit(normal - dot(normal, T)[..., None] * T)
-    U = torch.linalg.cross(V, T)
-    turning = (second - dot(second, T)[..., None] * T) / speed[..., None]
-    rates = {"speed": speed, "k1": dot(turning, U), "k2": dot(turning, V), "w": -dot(apply(derivative, V), U)}
-    return {"edge": position, "T": T, "U": U, "V": V, **rates}
