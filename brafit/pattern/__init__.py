@@ -1,13 +1,33 @@
 """Flat patterns: pieces of cloth in true millimetres, and writers for them.
 
-    piece   pieces with named edges, made of developed panels, and their places on a sheet
-    svg     one drawing at true size, with a named group per piece
-
-A piece is the sewing line, nothing more. What is added to it (allowances, marks) belongs in modules that take pieces
-and give pieces; a new file format is one more writer beside `svg`.
+piece    pieces with named edges (the sewing lines), made of developed panels, and their places on a sheet
+marks    where landmarks lie on a cup
+curve    smooth curves of few Bezier arcs
+options  what is added to the sewing lines, and which files are written
+finish   pieces as they are cut: allowances, notches, grain line, labels, checks
+svg, dxf, pdf  the writers; each is imported by itself, so that it costs only what it needs
 """
 
-from brafit.pattern.piece import Edge, Kind, Piece, Sheet, Side, layout, pieces_from_panels
+from brafit.pattern.finish import CutPiece, Pattern, finish
+from brafit.pattern.marks import deepest_point, marks_on
+from brafit.pattern.options import PatternOptions
+from brafit.pattern.piece import CupMark, Edge, Kind, Piece, Sheet, Side, layout, pieces_from_panels
 from brafit.pattern.svg import write_svg
 
-__all__ = ["Edge", "Kind", "Piece", "Sheet", "Side", "layout", "pieces_from_panels", "write_svg"]
+__all__ = [
+    "CupMark",
+    "CutPiece",
+    "Edge",
+    "Kind",
+    "Pattern",
+    "PatternOptions",
+    "Piece",
+    "Sheet",
+    "Side",
+    "deepest_point",
+    "finish",
+    "layout",
+    "marks_on",
+    "pieces_from_panels",
+    "write_svg",
+]

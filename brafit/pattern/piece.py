@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Generic, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from scipy.interpolate import CubicSpline
 
 from brafit.geometry.development import FlatPanel
 
@@ -23,12 +24,29 @@ Side = Literal["left", "right"]
 
 
 @dataclass(frozen=True)
+class Mark:
+    """A place on an edge that a landmark belongs to: its distance from the inner end, mm."""
+
+    name: str
+    distance: float
+
+
+@dataclass(frozen=True)
+class Hole:
+    """A place inside a piece that is to be marked by a drilled hole."""
+
+    name: str
+    point: Float[ndarray, "2"]
+
+
+@dataclass(frozen=True)
 class Edge:
     """One side of a piece, a polyline in outline order. The two edges that are sewn together bear the same name."""
 
     name: str
     kind: Kind
     points: Float[ndarray, "n 2"]
+    marks: tuple[Mark, ...] = ()
 
     @property
     def length(self) -> float:
@@ -50,6 +68,7 @@ class Piece:
 
     name: str
     edges: tuple[Edge, ...]
+    holes: tuple[Hole, ...] = ()
 
     @property
     def outline(self) -> Float[ndarray, "n 2"]:
@@ -76,8 +95,10 @@ class Piece:
         return (self.edges[0].at(0.5) + self.edges[1].at(0.5)) / 2
 
     def map(self, function: Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]]) -> Piece:
-        """The piece with `function` applied to the points of every edge."""
-        return replace(self, edges=tuple(replace(edge, points=function(edge.points)) for edge in self.edges))
+        """The piece with `function`, an isometry, applied to the points of every edge and to the holes."""
+        edges = tuple(replace(edge, points=function(edge.points)) for edge in self.edges)
+        holes = tuple(replace(hole, point=function(hole.point[None])[0]) for hole in self.holes)
+        return replace(self, edges=edges, holes=holes)
 
     def mirrored(self) -> Piece:
         """The same piece for the other breast."""
@@ -89,21 +110,62 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Sheet:
+class CupMark:
+    """Where a landmark lies on a cup: on an edge, or inside a panel.
+
+    Attributes:
+        name: such as `apex`.
+        station: place along the wire as a real-valued index of the cup's stations.
+        edge: index of the edge, 0 at the wire; None for a mark inside a panel.
+        panel, share: for those, index of the panel and place on its ruling, 0 at the lower edge and 1 at the upper.
+    """
+
+    name: str
+    station: float
+    edge: int | None = None
+    panel: int = 0
+    share: float = 0.0
+
+    def on(self, edge: Float[ndarray, "n 2"]) -> Mark:
+        """The mark on that edge's samples, which run from the inner end."""
+        along = _arc_length(edge)
+        return Mark(self.name, float(CubicSpline(np.arange(len(edge)), along)(self.station)))
+
+    def inside(self, lower: Float[ndarray, "n 2"], upper: Float[ndarray, "n 2"]) -> Float[ndarray, "2"]:
+        """Its place in the flat panel."""
+        a, b = (CubicSpline(np.arange(len(edge)), edge)(self.station) for edge in (lower, upper))
+        return (1 - self.share) * a + self.share * b
+
+
+class Drawable(Protocol):
+    """What can be set on a sheet."""
+
+    @property
+    def bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]: ...
+
+    def map(self, move: Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]], /) -> Self: ...
+
+
+P = TypeVar("P", bound=Drawable)
+
+
+@dataclass(frozen=True)
+class Sheet(Generic[P]):
     """Pieces in place on a sheet of the given size in mm, its origin in the lower left corner."""
 
-    pieces: tuple[Piece, ...]
+    pieces: tuple[P, ...]
     width: float
     height: float
 
 
-def pieces_from_panels(panels: Sequence[FlatPanel], side: Side = "left") -> list[Piece]:
+def pieces_from_panels(panels: Sequence[FlatPanel], side: Side = "left", marks: Sequence[CupMark] = ()) -> list[Piece]:
     """The pieces of one cup, from the wire up.
 
     Args:
         panels: developed panels of one cup in mm, from the wire up, without batch dimensions; all cups are developed as
             left ones.
         side: the breast they are for. Pieces for the right one are mirrored, so that they cut right.
+        marks: landmarks on the cup, see `brafit.pattern.marks`.
 
     Returns:
         Pieces with their two ends level, the wire downwards, the inner end on the left for a left cup.
@@ -121,22 +183,45 @@ def pieces_from_panels(panels: Sequence[FlatPanel], side: Side = "left") -> list
     pieces = []
     for i, panel in enumerate(panels):
         lower, upper = (curve.detach().cpu().double().numpy() for curve in (panel.lower, panel.upper))
-        edges = Edge(seams[i], kinds[i], lower), Edge(seams[i + 1], kinds[i + 1], upper[::-1])
-        piece = _levelled(Piece(names[i], edges))
+        edges = (
+            Edge(seams[i], kinds[i], lower, tuple(m.on(lower) for m in marks if m.edge == i)),
+            Edge(seams[i + 1], kinds[i + 1], upper[::-1], tuple(m.on(upper) for m in marks if m.edge == i + 1)),
+        )
+        holes = tuple(Hole(m.name, m.inside(lower, upper)) for m in marks if m.edge is None and m.panel == i)
+        piece = _levelled(Piece(names[i], edges, holes))
         pieces.append(piece.mirrored() if side == "right" else piece)
     return pieces
 
 
-def layout(pieces: Sequence[Piece], gap: float = 12.0) -> Sheet:
+def layout(pieces: Sequence[P], gap: float = 12.0) -> Sheet[P]:
     """Set pieces on a sheet, one above the other as they are worn, `gap` mm apart; no two overlap."""
-    width = max(float(np.subtract(*piece.bounds[::-1])[0]) for piece in pieces)
-    placed, height = [], 0.0
-    for piece in pieces:
-        low, high = piece.bounds
-        shift = np.array([(width - (high - low)[0]) / 2, height]) - low
-        placed.append(piece.map(lambda points, shift=shift: points + shift))
-        height += float((high - low)[1]) + gap
-    return Sheet(tuple(placed), width, height - gap)
+    return layout_columns([pieces], gap)
+
+
+def layout_columns(columns: Sequence[Sequence[P]], gap: float = 12.0) -> Sheet[P]:
+    """Set columns of pieces side by side; in a column one above the other. No two pieces come nearer than `gap` mm."""
+    placed, left, top = [], 0.0, 0.0
+    for pieces in columns:
+        width = max(float(np.subtract(*piece.bounds[::-1])[0]) for piece in pieces)
+        height = 0.0
+        for piece in pieces:
+            low, high = piece.bounds
+            shift = np.array([left + (width - (high - low)[0]) / 2, height]) - low
+            placed.append(piece.map(lambda points, shift=shift: points + shift))
+            height += float((high - low)[1]) + gap
+        left, top = left + width + gap, max(top, height - gap)
+    return Sheet(tuple(placed), left - gap, top)
+
+
+def _arc_length(points: Float[ndarray, "n 2"]) -> Float[ndarray, " n"]:
+    """Length from the first sample to each, of the smooth curve through the samples."""
+    chords = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    distinct = np.append(True, np.diff(chords) > 1e-9)
+    spline = CubicSpline(chords[distinct], points[distinct])
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    start, step = chords[:-1], np.diff(chords)
+    speed = np.linalg.norm(spline(start[:, None] + step[:, None] * (nodes + 1) / 2, 1), axis=-1)
+    return np.append(0.0, np.cumsum(speed @ weights * step / 2))
 
 
 def _piece_names(count: int) -> list[str]:

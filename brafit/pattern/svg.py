@@ -1,4 +1,8 @@
-"""Patterns as SVG in true millimetres: a user unit is one millimetre, a piece is a named group (an Inkscape layer)."""
+"""Patterns as SVG in true millimetres: a user unit is one millimetre.
+
+Each kind of line is a layer (a group that Inkscape shows as one): `cut`, `sew`, `notch`, `drill`, `grain` and `text`, and
+in each of them every piece has a group of its name. What belongs to no piece is in the layer `info`.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,17 @@ from collections.abc import Container, Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from brafit.atomic import write_bytes
-from brafit.pattern.piece import Edge, Kind, Piece, layout
+from brafit.pattern.curve import Curve
+from brafit.pattern.finish import LETTER, LINE, CutPiece, Pattern
+from brafit.pattern.piece import Kind, layout_columns
 
 SVG, INKSCAPE = "http://www.w3.org/2000/svg", "http://www.inkscape.org/namespaces/inkscape"
 MARGIN, GAP, CONTROL = 12.0, 10.0, 100.0
+LAYERS = ("cut", "sew", "notch", "drill", "grain", "text")
 
 # Told apart by colour, width and dashes, so that a black-and-white print shows them too. Attributes, not a style sheet:
 # cutting software often ignores style sheets.
@@ -22,37 +31,52 @@ STROKES: dict[Kind, dict[str, str]] = {
     "ridge": {"stroke": "#b4460f", "stroke-width": "0.4", "stroke-dasharray": "6 1.5"},
     "upper": {"stroke": "#2e6b34", "stroke-width": "0.4", "stroke-dasharray": "1.2 1.2"},
 }
+CUT = {"stroke": "#000000", "stroke-width": "0.3"}
+FINE = {"stroke": "#000000", "stroke-width": "0.35"}
 LEGEND: dict[Kind, str] = {"wire": "wire edge", "ridge": "ridge (seam between panels)", "upper": "upper edge"}
 
 
-def write_svg(path: str | Path, pieces: Sequence[Piece], title: str, note: str = "") -> None:
-    """Write pieces at true size, with a legend and a control square of 100 mm.
+def write_svg(path: str | Path, patterns: Sequence[Pattern], title: str, note: str = "") -> None:
+    """Write patterns at true size, with a legend and a control square of 100 mm.
 
-    Every edge is a path of its own with the classes `edge` and its kind, in the group of its piece; the name of that
-    group stands in `inkscape:label` and, made fit for XML, in `id`. Coordinates are exact to 1e-4 mm.
+    In the layer `sew` every edge is a path of its own with the classes `edge` and its kind, its name in `inkscape:label`
+    and its length in `data-length-mm`; in `cut` a piece is one closed path. Coordinates are exact to 1e-4 mm.
 
     Args:
-        pieces: one cup's pieces in mm.
+        patterns: side by side if there are several.
         title: usually the scan's name; any text.
         note: a second line, such as the cup's side and model.
     """
-    sheet = layout(pieces, GAP)
-    head = 18.0 if note else 12.0
-    legend_width = 78.0
-    inner = max(sheet.width, CONTROL + GAP + legend_width)
-    width, height = inner + 2 * MARGIN, head + sheet.height + GAP + CONTROL + 2 * MARGIN
+    sheet = layout_columns([column for pattern in patterns for column in pattern.drawn], GAP)
+    kinds = {line.kind for piece in sheet.pieces for line in piece.sew}
+    warnings = [words for pattern in patterns for words in pattern.warnings]
+    head = 12.0 + 6.0 * bool(note)
+    inner = max(sheet.width, CONTROL + GAP + 78.0)
+    foot = max(CONTROL, 42.0 + 5.5 * len(warnings))
+    width, height = inner + 2 * MARGIN, head + sheet.height + GAP + foot + 2 * MARGIN
     root = _document(width, height, title)
-    _text(root, _one_line(title), MARGIN, MARGIN + 6, 6.0, room=inner, weight="bold", id="title")
-    if note:
-        _text(root, _one_line(note), MARGIN, MARGIN + 12, 3.6, room=inner, id="note")
 
-    offset = np.array([(width - sheet.width) / 2, MARGIN + GAP + CONTROL])
+    offset = np.array([(width - sheet.width) / 2, MARGIN + GAP + foot])
+    placed = [piece.map(lambda points: (points + offset) * (1, -1) + (0, height)) for piece in sheet.pieces]
     taken: set[str] = set()
-    for piece in sheet.pieces:
-        _piece(root, piece.map(lambda points: (points + offset) * (1, -1) + (0, height)), taken)
-    _control_square(root, MARGIN, height - MARGIN - CONTROL)
-    present = {edge.kind for piece in pieces for edge in piece.edges}
-    _legend(root, MARGIN + CONTROL + GAP, height - MARGIN - CONTROL, present, pieces)
+    draw = {"cut": _cut, "sew": _sew, "notch": _notches, "drill": _holes, "grain": _grain, "text": _label}
+    several = len({pattern.name for pattern in patterns}) > 1 or any(pattern.options.pair for pattern in patterns)
+    for layer in LAYERS:
+        group = _layer(root, layer)
+        taken.add(layer)
+        for piece in placed:
+            name = " ".join((*piece.label[1:3], piece.name)) if several else piece.name
+            attributes = {f"{{{INKSCAPE}}}label": _legal(name), "class": "piece"}
+            own = _child(group, "g", id=_identifier(f"{layer} {name}", taken), **attributes)
+            draw[layer](own, piece)
+
+    info = _layer(root, "info")
+    _text(info, _one_line(title), MARGIN, MARGIN + 6, 6.0, room=inner, weight="bold", id="title")
+    if note:
+        _text(info, _one_line(note), MARGIN, MARGIN + 12, 3.6, room=inner, id="note")
+    top = height - MARGIN - foot
+    _control_square(info, MARGIN, top)
+    _legend(info, MARGIN + CONTROL + GAP, top, kinds, len(placed), warnings, inner - CONTROL - GAP)
 
     ET.indent(root)
     write_bytes(path, ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
@@ -64,34 +88,88 @@ def _document(width: float, height: float, title: str) -> ET.Element:
     size = {"width": f"{_number(width)}mm", "height": f"{_number(height)}mm"}
     root = ET.Element(f"{{{SVG}}}svg", {**size, "viewBox": f"0 0 {_number(width)} {_number(height)}", "version": "1.1"})
     _child(root, "title").text = _one_line(title)
-    _child(root, "desc").text = "Bra cup patterns. Units: mm, true size. Sewing lines, without seam allowance."
+    _child(root, "desc").text = "Bra cup patterns. Units: mm, true size. Layers: cut, sew, notch, drill, grain, text."
     return root
 
 
-def _piece(root: ET.Element, piece: Piece, taken: set[str]) -> None:
-    name = _identifier(piece.name, taken)
-    layer = {f"{{{INKSCAPE}}}label": _legal(piece.name), f"{{{INKSCAPE}}}groupmode": "layer"}
-    group = _child(root, "g", id=name, **{"class": "piece"}, **layer)
-    for edge in piece.edges:
-        path = _line(group, edge.kind, _path(edge), id=_identifier(f"{name} {edge.name}", taken))
-        path.set(f"{{{INKSCAPE}}}label", _legal(edge.name))
-        path.set("data-length-mm", f"{edge.length:.3f}")
-    x, y = piece.middle
-    thickness = float(np.linalg.norm(piece.edges[0].at(0.5) - piece.edges[1].at(0.5)))
-    size = min(5.0, thickness / 5)
-    lengths = ", ".join(f"{edge.name}: {edge.length:.1f} mm" for edge in piece.edges)
-    _text(group, piece.name, x, y - 0.2 * size, size, anchor="middle", weight="bold")
-    _text(group, lengths, x, y + 1.0 * size, 0.6 * size, anchor="middle")
-    for words, fraction in (("inner end", 0.0), ("outer end", 1.0)):
-        _end_label(group, words, piece, fraction, 0.5 * size)
+def _layer(root: ET.Element, name: str) -> ET.Element:
+    return _child(root, "g", id=name, **{f"{{{INKSCAPE}}}label": name, f"{{{INKSCAPE}}}groupmode": "layer"})
 
 
-def _end_label(group: ET.Element, words: str, piece: Piece, fraction: float, size: float) -> None:
-    """A small upright text just outside the tip."""
-    x, y = piece.edges[0].at(fraction)
-    x += -0.6 * size if x < piece.middle[0] else 1.4 * size
-    turn = f"rotate(-90 {_number(x)} {_number(y)})"
-    _text(group, words, x, y, size, anchor="middle", transform=turn)
+def _cut(group: ET.Element, piece: CutPiece) -> None:
+    path = " ".join([_path(piece.cut[0]), *(_path(curve, first=False) for curve in piece.cut[1:]), "Z"])
+    _child(group, "path", **{"class": "cut"}, d=path, fill="none", **{"stroke-linejoin": "miter"}, **CUT)
+
+
+def _sew(group: ET.Element, piece: CutPiece) -> None:
+    for line in piece.sew:
+        path = _line(group, line.kind, _path(line.curve))
+        path.set(f"{{{INKSCAPE}}}label", _legal(line.name))
+        path.set("data-length-mm", f"{line.length:.3f}")
+        path.set("data-allowance-mm", f"{line.allowance:g}")
+
+
+def _notches(group: ET.Element, piece: CutPiece) -> None:
+    for notch in piece.notches:
+        ticks = " ".join(f"M{_pair(a)} L{_pair(b)}" for a, b in notch.ticks)
+        path = _child(group, "path", **{"class": "notch"}, d=ticks, fill="none", **FINE)
+        path.set(f"{{{INKSCAPE}}}label", _legal(notch.name or f"{notch.edge} notch"))
+        path.set("data-edge", _legal(notch.edge))
+        path.set("data-distance-mm", f"{notch.distance:.3f}")
+
+
+def _holes(group: ET.Element, piece: CutPiece) -> None:
+    for hole in piece.holes:
+        x, y = hole.point
+        circle = _child(group, "circle", cx=_number(x), cy=_number(y), r="1.5", fill="none", **FINE)
+        circle.set(f"{{{INKSCAPE}}}label", _legal(hole.name))
+        _child(group, "path", d=f"M{_number(x - 3)},{_number(y)} h6 m-3,-3 v6", fill="none", **FINE)
+
+
+def _grain(group: ET.Element, piece: CutPiece) -> None:
+    a, b = piece.grain
+    size = float(np.linalg.norm(b - a))
+    if size == 0:
+        return
+    heads = [arrow_head(a, b, min(3.0, size / 4)), arrow_head(b, a, min(3.0, size / 4))]
+    strokes = [f"M{_pair(a)} L{_pair(b)}", *(f"M{_pair(p)} L{_pair(tip)} L{_pair(q)}" for p, tip, q in heads)]
+    _child(group, "path", **{"class": "grain"}, d=" ".join(strokes), fill="none", **FINE)
+
+
+def arrow_head(tip: Float[ndarray, "2"], tail: Float[ndarray, "2"], size: float) -> Float[ndarray, "3 2"]:
+    """The two strokes of an arrow's head: one barb, the tip, the other barb."""
+    back = (tail - tip) / max(float(np.linalg.norm(tail - tip)), 1e-9) * size
+    aside = np.array((-back[1], back[0])) * 0.4
+    return np.stack((tip + back + aside, tip, tip + back - aside))
+
+
+def _label(group: ET.Element, piece: CutPiece) -> None:
+    x, y = piece.label_at
+    top = y - LINE * piece.label_size * (len(piece.label) - 1) / 2 + 0.35 * piece.label_size
+    room = LETTER * 1.15 * piece.label_size * max(len(line) for line in piece.label if not line.startswith("WARNING"))
+    for row, words in enumerate(piece.label):
+        warning = words.startswith("WARNING")
+        level = top + LINE * piece.label_size * row
+        weight = "bold" if row == 0 or warning else "normal"
+        colour = "#c00000" if warning else "#000000"
+        limit = room if warning else None
+        _text(group, words, x, level, piece.label_size, room=limit, anchor="middle", weight=weight, colour=colour)
+    for line in piece.sew:
+        for words, distance in (("inner end", 0.0), ("outer end", line.curve.length)):
+            if line is piece.sew[0]:
+                _end_label(group, words, piece, line.curve.at(distance)[0])
+    for notch in piece.notches:
+        if notch.name:
+            x, y = notch.beside(4.0)
+            _text(group, notch.name, x, y + 0.7, 2.2, anchor="middle")
+
+
+def _end_label(group: ET.Element, words: str, piece: CutPiece, tip: Float[ndarray, "2"]) -> None:
+    """A small upright text just inside the tip, from where the piece is wide enough to hold it."""
+    low, high = piece.bounds
+    inward = 1.0 if tip[0] < (low + high)[0] / 2 else -1.0
+    x, y = tip[0] + 9.0 * inward, tip[1] + 0.7
+    _text(group, words, x, y, 2.0, anchor="start" if inward > 0 else "end")
 
 
 def _control_square(root: ET.Element, x: float, y: float) -> None:
@@ -102,22 +180,40 @@ def _control_square(root: ET.Element, x: float, y: float) -> None:
     _text(group, "measure it on the print before cutting", x + CONTROL / 2, y + CONTROL / 2 + 5.5, 3.2, anchor="middle")
 
 
-def _legend(root: ET.Element, x: float, y: float, present: Container[str], pieces: Sequence[Piece]) -> None:
+def _legend(
+    root: ET.Element, x: float, y: float, present: Container[str], count: int, warnings: Sequence[str], room: float
+) -> None:
     group = _child(root, "g", id="legend")
     _text(group, "units: mm, true size (1:1)", x, y + 4, 3.6, weight="bold")
     kinds: list[Kind] = [kind for kind in LEGEND if kind in present]
-    for row, kind in enumerate(kinds):
-        level = y + 12 + 7 * row
+    _child(group, "path", d=f"M{_number(x)},{_number(y + 11)} H{_number(x + 20)}", fill="none", **CUT)
+    _text(group, "cut line", x + 23, y + 12.2, 3.6)
+    for row, kind in enumerate(kinds, start=1):
+        level = y + 11 + 6 * row
         _line(group, kind, f"M{_number(x)},{_number(level)} H{_number(x + 20)}", role="key")
-        _text(group, LEGEND[kind], x + 23, level + 1.2, 3.6)
-    y += 12 + 7 * len(kinds)
-    count = f"{len(pieces)} piece{'s' * (len(pieces) > 1)}"
-    for row, words in enumerate(("sewing lines, no seam allowance", "right side of the cloth up", count)):
+        _text(group, f"sewing line: {LEGEND[kind]}", x + 23, level + 1.2, 3.6)
+    y += 18 + 6 * len(kinds)
+    for row, words in enumerate(("right side of the cloth up", f"{count} piece{'s' * (count > 1)}")):
         _text(group, words, x, y + 1.2 + 5.5 * row, 3.6)
+    for row, words in enumerate(warnings, start=2):
+        _text(group, f"WARNING: {words}", x, y + 1.2 + 5.5 * row, 3.6, room=room, weight="bold", colour="#c00000")
 
 
-def _path(edge: Edge) -> str:
-    return "M" + " L".join(f"{x:.4f},{y:.4f}" for x, y in edge.points)
+def _path(curve: Curve, first: bool = True) -> str:
+    """Path data; a curve that is not the first of its path goes on where the one before it ended."""
+    start = f"M{_pair(curve.start)}" if first else f"L{_pair(curve.start)}"
+    return " ".join([start, *(_arc(arc) for arc in curve.controls)])
+
+
+def _arc(arc: Float[ndarray, "4 2"]) -> str:
+    third = (2 * arc[0] + arc[3]) / 3, (arc[0] + 2 * arc[3]) / 3
+    if max(float(np.abs(a - b).max()) for a, b in zip(third, arc[1:3], strict=True)) < 1e-9:
+        return f"L{_pair(arc[3])}"
+    return "C" + " ".join(_pair(point) for point in arc[1:])
+
+
+def _pair(point: Float[ndarray, "2"]) -> str:
+    return f"{point[0]:.4f},{point[1]:.4f}"
 
 
 def _line(parent: ET.Element, kind: Kind, path: str, role: str = "edge", **attributes: str) -> ET.Element:
@@ -135,6 +231,7 @@ def _text(
     room: float | None = None,
     anchor: str = "start",
     weight: str = "normal",
+    colour: str = "#000000",
     **attributes: str,
 ) -> None:
     """A line of text, its letters `size` mm high; smaller where it would be longer than `room`."""
@@ -142,7 +239,7 @@ def _text(
     if room is not None:  # letters of a sans-serif face are about 0.6 of its size wide
         size = min(size, room / (0.62 * max(len(words), 1)))
     style = {"font-family": "sans-serif", "font-size": _number(size), "font-weight": weight, "text-anchor": anchor}
-    _child(parent, "text", x=_number(x), y=_number(y), fill="#000000", **style, **attributes).text = words
+    _child(parent, "text", x=_number(x), y=_number(y), fill=colour, **style, **attributes).text = words
 
 
 def _child(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:

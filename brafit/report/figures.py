@@ -19,6 +19,7 @@ from numpy import ndarray
 
 from brafit.atomic import replacing
 from brafit.cup.shape import CupShape
+from brafit.pattern.finish import Pattern
 from brafit.pattern.piece import Kind, Piece, Side, layout
 from brafit.report.colour import PANELS, distance_colours, distance_limit
 from brafit.report.mesh import cup_mesh
@@ -34,24 +35,33 @@ LINES: dict[Kind, dict] = {
 INK, SOFT, FAINT = "#222222", "#666666", "#dddddd"
 
 
-def pattern_figure(pieces: Sequence[Piece], title: str) -> Figure:
-    """Pieces one above the other, both axes in mm at one scale, names and edge lengths in the pieces."""
-    sheet = layout(pieces, gap=10.0)
+def pattern_figure(pattern: Pattern, title: str) -> Figure:
+    """Finished pieces as the pattern files show them, both axes in mm at one scale, edge lengths in the pieces."""
+    sheet = layout(pattern.pieces, gap=10.0)
     width = 9.0
     figure = Figure(figsize=(width, 1.5 + width * 0.9 * sheet.height / sheet.width), layout="constrained")
     axes = figure.add_subplot()
     seen: set[str] = set()
     for piece in sheet.pieces:
-        axes.fill(*piece.outline.T, facecolor="#f6f1ea", edgecolor="none", zorder=1)
-        for edge in piece.edges:
-            style = LINES[edge.kind]
-            label = "_" if edge.kind in seen else style["label"]
-            axes.plot(*edge.points.T, **{**style, "label": label}, solid_capstyle="round", zorder=3)
-            seen.add(edge.kind)
-        x, y = piece.middle
-        lengths = ", ".join(f"{edge.name}: {edge.length:.1f} mm" for edge in piece.edges)
+        axes.fill(*piece.cut_outline().T, facecolor="#fbf8f4", edgecolor=INK, linewidth=0.8, zorder=1)
+        axes.fill(*piece.sew_outline().T, facecolor="#f4ede3", edgecolor="none", zorder=2)
+        for line in piece.sew:
+            style = LINES[line.kind]
+            label = "_" if line.kind in seen else style["label"]
+            axes.plot(*line.curve.polyline().T, **{**style, "label": label}, solid_capstyle="round", zorder=3)
+            seen.add(line.kind)
+        for tick in (tick for notch in piece.notches for tick in notch.ticks):
+            axes.plot(*tick.T, color=INK, linewidth=1.2, zorder=4)
+        for hole in piece.holes:
+            axes.plot(*hole.point, marker="+", markersize=9, color=INK, zorder=4)
+        axes.annotate("", *piece.grain, arrowprops={"arrowstyle": "<->", "color": SOFT, "linewidth": 0.9})
+        x, y = piece.label_at
+        lengths = "\n".join(f"{line.name}: {line.length:.1f} mm" for line in piece.sew)
         _plain(axes.text(x, y, piece.name, ha="center", va="bottom", fontsize=12, fontweight="bold", color=INK))
         _plain(axes.text(x, y, lengths, ha="center", va="top", fontsize=9, color=SOFT))
+        warning = "\n".join(f"WARNING: {words}" for words in piece.warnings)
+        low, _ = piece.bounds
+        _plain(axes.text(low[0], low[1], warning, ha="left", va="bottom", fontsize=8, color="#c00000", zorder=5))
     _mm_axes(axes, "mm", "mm")
     axes.set_aspect("equal")
     axes.margins(0.03)

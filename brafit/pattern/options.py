@@ -1,0 +1,86 @@
+"""What is added to the sewing lines, and which files are written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from brafit.errors import ConfigError
+
+FORMATS = ("svg", "dxf", "pdf")
+PAPERS: dict[str, tuple[float, float]] = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
+"""Width and height in mm."""
+UNITS: dict[str, float] = {"mm": 1.0, "inch": 25.4}
+"""Names of the units that patterns are labelled in, and millimetres to one of each."""
+
+
+@dataclass(frozen=True)
+class PatternOptions:
+    """How patterns are finished and written. Lengths are mm.
+
+    Attributes:
+        formats: files to write, of `FORMATS`.
+        allowance: seam allowance of each kind of edge: `wire`, `ridge`, `upper`.
+        ease: by how many per cent pieces are made larger (negative: smaller, for stretch cloth) along the wire's chord
+            (`width`) and at right angles to it (`height`). Allowances keep their width.
+        notches: matching notches on the wire and on each seam; those in the outer half are double.
+        notch_depth: length of a notch; at most two thirds of the allowance are cut into.
+        grain: direction of the grain line in degrees from the chord of the piece's lower edge.
+        pair: whether the pieces for the other side are drawn as well.
+        quantity: how often each piece is to be cut.
+        size: name of the size, for labels and block names; empty: the scan's name.
+        units: unit of labels, tables and DXF files, of `UNITS`.
+        paper: paper of the tiled PDF, of `PAPERS`.
+        material_width: usable width of the cloth, at right angles to the grain.
+        seam_tolerance: the two sides of a seam may differ in length by this much without a warning.
+        twist_limit: twist (degrees) up to which a panel passes for developable without a warning.
+        nest: whether all patterns of a run are also written into one file per format (DXF, SVG).
+
+    Raises:
+        ConfigError: names the setting, what came and what is allowed.
+    """
+
+    formats: Sequence[str] = FORMATS
+    allowance: Mapping[str, float] = field(default_factory=lambda: {"wire": 6.0, "ridge": 6.0, "upper": 6.0})
+    ease: Mapping[str, float] = field(default_factory=lambda: {"width": 0.0, "height": 0.0})
+    notches: int = 2
+    notch_depth: float = 3.0
+    grain: float = 90.0
+    pair: bool = False
+    quantity: int = 1
+    size: str = ""
+    units: str = "mm"
+    paper: str = "a4"
+    material_width: float = 1400.0
+    seam_tolerance: float = 0.5
+    twist_limit: float = 3.0
+    nest: bool = False
+
+    def __post_init__(self) -> None:
+        if wrong := [name for name in self.formats if name not in FORMATS]:
+            raise ConfigError(f"pattern.formats: {wrong[0]!r} is none of {', '.join(FORMATS)}")
+        _one_of("units", self.units, UNITS)
+        _one_of("paper", self.paper, PAPERS)
+        for kind in ("wire", "ridge", "upper"):
+            _at_least(f"allowance.{kind}", self.allowance.get(kind), 0.0)
+        for way in ("width", "height"):
+            _at_least(f"ease.{way}", self.ease.get(way), -50.0)
+        for name in ("notches", "notch_depth", "seam_tolerance", "twist_limit"):
+            _at_least(name, getattr(self, name), 0.0)
+        _at_least("quantity", self.quantity, 1)
+        _at_least("material_width", self.material_width, 1.0)
+
+    def length(self, millimetres: float, digits: int = 1) -> str:
+        """A length as labels show it, with its unit."""
+        value = millimetres / UNITS[self.units]
+        return f"{value:.{digits}f} mm" if self.units == "mm" else f"{value:.{digits + 1}f} in"
+
+
+def _one_of(name: str, value: str, choices: Mapping[str, object]) -> None:
+    if value not in choices:
+        raise ConfigError(f"pattern.{name}={value}: must be one of {', '.join(choices)}")
+
+
+def _at_least(name: str, value: float | None, least: float) -> None:
+    if value is None or not value >= least:
+        raise ConfigError(f"pattern.{name}={value}: must be at least {least:g}")
