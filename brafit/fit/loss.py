@@ -24,8 +24,8 @@ def smooth_absolute(squared: Tensor, width: Tensor | float) -> tuple[Tensor, Ten
 
 def cauchy(squared: Tensor, width: Tensor | float) -> tuple[Tensor, Tensor]:
     """Quadratic within `width`, logarithmic beyond: outliers lose their pull."""
-    ratio = 1 + squared / width**2
-    return width**2 * torch.log(ratio), 1 / ratio
+    ratio = squared / width**2
+    return width**2 * torch.log1p(ratio), 1 / (1 + ratio)
 
 
 def fuzzy(squared: Tensor, strength: float, sharpness: Tensor | float, widths: float = 2.0) -> tuple[Tensor, Tensor]:

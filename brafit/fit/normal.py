@@ -106,7 +106,9 @@ def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[T
 
 def slopes(block: Block) -> Float[Tensor, "batch m"]:
     """Gauss-Newton weights of a block's residuals: 2 weight rho'. Times the residual: the value's derivative by it."""
-    return (2 * block.weight * block.loss(block.residual.square())[1]).expand_as(block.residual)
+    squared = block.squared()
+    slope = (2 * block.weight * block.loss(squared)[1]).expand_as(squared)
+    return slope if block.gaps is None else slope.repeat_interleave(3, dim=-1)
 
 
 def gram(jacobian: Float[Tensor, "batch m size"], weights: Float[Tensor, "batch m"]) -> Float[Tensor, "batch size size"]:

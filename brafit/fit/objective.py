@@ -65,7 +65,8 @@ class Conditions:
 class Block:
     """Residuals of one kind: value = sum of weight * rho(residual^2).
 
-    `gaps`: where the residuals are the components of gaps between the cup and fixed points.
+    `gaps`: where the residuals are the components of gaps between the cup and fixed points. There rho takes the squared length of each
+    gap: a sum of rho over the components would depend on the axes, and its gradient on how the foot points slide.
     """
 
     name: str
@@ -75,7 +76,12 @@ class Block:
     gaps: Gaps | None = None
 
     def value(self) -> Float[Tensor, " batch"]:
-        return (self.weight * self.loss(self.residual.square())[0]).sum(-1)
+        return (self.weight * self.loss(self.squared())[0]).sum(-1)
+
+    def squared(self) -> Float[Tensor, "batch k"]:
+        """What rho takes: squared residuals, or squared lengths of gaps."""
+        squared = self.residual.square()
+        return squared if self.gaps is None else squared.unflatten(-1, (-1, 3)).sum(-1)
 
 
 @dataclass(frozen=True)
@@ -152,7 +158,7 @@ class Objective:
         if c.neckline > 0:
             has = targets.has_neckline[:, None].to(flat)
             edge, line = gaps_to_line(shape, -1, targets.neckline), gaps_to_points(shape, -1, targets.neckline)
-            mean = station_weights(shape.stations).repeat_interleave(3)
+            mean = station_weights(shape.stations)
             blocks.append(_pull("edge to neckline", edge, c.neckline * has * mean))
             blocks.append(_pull("neckline to edge", line, c.neckline * has / targets.neckline.shape[1]))
         if c.connection > 0:

@@ -30,7 +30,7 @@ def start_profiles(
         line_angle, line_reach = polar(target.neckline)
         top, top_reach = line_angle[line_reach.argmax()], line_reach.max()
     elif target.strap_point is not None:
-        top, top_reach = (float(v) for v in polar(target.strap_point))
+        top, top_reach = (float(v[0]) for v in polar(target.strap_point[None]))
     else:
         top = np.quantile(cloud_angle, 0.98)
         top_reach = np.quantile(cloud_reach[cloud_angle >= np.quantile(cloud_angle, 0.9)], 0.95)

@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from cups import cloud, lune_frames, near
+
+from brafit.cup import CupShape
+from brafit.fit import Conditions, Target
+from brafit.fit.objective import Objective, Pressure
+from brafit.fit.targets import Targets
+from brafit.scan.synthetic import on_panels
+
+SCALE = 80.0
+
+
+def line_near_the_upper_edge(seed: int) -> np.ndarray:
+    a = np.linspace(0, np.pi, 40)
+    wave = np.random.default_rng(seed).normal(0, 0.05, 3)
+    line = np.stack((0.1 * np.sin(a) + wave[0] * np.sin(2 * a), 1 - np.cos(a), (1.1 + wave[1]) * np.sin(a)), axis=1)
+    return SCALE * line
+
+
+def target(seed: int, count: int = 150, full: bool = True) -> Target:
+    extra = {}
+    if full:
+        extra = {
+            "neckline": line_near_the_upper_edge(seed),
+            "strap_point": SCALE * np.array([0.1, 0.9, 1.2]),
+            "apex": SCALE * np.array([0.7, 1.1, 0.75]),
+        }
+    wire = lune_frames()().edges[0, 0, ::4].detach().numpy() * SCALE
+    return Target(f"cloud {seed}", cloud(count, seed).numpy() * SCALE, wire, **extra)
+
+
+EVERYTHING = Conditions(
+    points_width=5.0,
+    connection=0.05,
+    connection_width=10.0,
+    ridge_apex=0.03,
+    ridge_apex_width=15.0,
+    margin=0.9,
+    margin_width=0.1,
+    barrier=0.5,
+    smoothness=1e-3,
+)
+NAMES = {
+    "points",
+    "edge to neckline",
+    "neckline to edge",
+    "connection",
+    "ridge at apex",
+    "regularity",
+    "roughness",
+    "ends",
+    "twist",
+}
+
+
+def objective(targets: list[Target], conditions: Conditions = EVERYTHING, panels: int = 2) -> Objective:
+    cup = lune_frames(len(targets), panels)
+    return Objective(cup, Targets.stack(targets, torch.full((len(targets),), SCALE, dtype=torch.float64)), conditions)
+
+
+def pressure(problem: Objective) -> Pressure:
+    """With multipliers."""
+    constraints = problem.constraints(problem.cup())
+    generator = torch.Generator().manual_seed(1)
+    multipliers = {k: torch.randn(v.shape, generator=generator, dtype=v.dtype) for k, v in constraints.items()}
+    return Pressure(7.0, multipliers)
+
+
+@pytest.mark.parametrize("panels", [1, 2, 3])
+@pytest.mark.parametrize("loss", ["l1", "l2", "robust"])
+def test_gradient_of_every_parameter_against_central_differences(loss, panels):
+    problem = objective([target(3)], replace(EVERYTHING, points=loss), panels)
+    press, flat = pressure(problem), near(problem.cup, 0.05, 4)
+    result = problem.evaluate(flat, press)
+    assert set(result.terms) == (NAMES if panels > 1 else NAMES - {"ridge at apex"})
+    assert all(v.abs().max() > 1e-6 for v in result.terms.values())
+    size, h = problem.cup.size, 2e-6
+    steps = h * torch.eye(size, dtype=torch.float64)
+    many = objective([target(3)] * size, replace(EVERYTHING, points=loss), panels)
+    wide = Pressure(press.penalty, {k: v.expand(size, -1) for k, v in press.multipliers.items()})
+    difference = (many.value(flat + steps, wide) - many.value(flat - steps, wide)) / (2 * h)
+    scale = difference.abs().max().item()
+    torch.testing.assert_close(result.gradient[0], difference, rtol=1e-6, atol=1e-7 * scale)
+
+
+def test_value_is_the_sum_of_the_terms_and_the_one_without_gradients():
+    problem = objective([target(1), target(2, 60)])
+    flat, press = near(problem.cup), pressure(problem)
+    result = problem.evaluate(flat, press)
+    torch.testing.assert_close(result.value, sum(result.terms.values()))
+    torch.testing.assert_close(problem.value(flat, press), result.value)
+
+
+def test_points_term_is_the_mean_square_distance():
+    """A cup of half circles around points of a smaller and a larger half circle in the wire's plane."""
+    a = torch.linspace(0.3, math.pi - 0.3, 11, dtype=torch.float64)
+    ring = torch.stack((torch.sin(a), -torch.cos(a), 0 * a), dim=-1)
+    points = torch.cat((0.9 * ring, 1.2 * ring)) + torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
+    own = Target("ring", (points * SCALE).numpy(), target(0).wire)
+    problem = objective([own], Conditions(points="l2"), panels=1)
+    cup = problem.cup
+    cup.start(torch.zeros(1, 1, dtype=torch.float64) + 1e-9, torch.ones(1, 1, dtype=torch.float64))
+    result = problem.evaluate(cup.flatten().detach(), Pressure(1.0))
+    assert result.terms["points"].item() == pytest.approx((0.1**2 + 0.2**2) / 2, rel=1e-5)
+
+
+def test_missing_landmarks_cost_nothing_and_are_safe():
+    """Without neckline, strap point and apex the other terms stay what they are, also in a batch with a scan that has them."""
+    bare, full = target(1, full=False), target(1)
+    both = objective([bare, full])
+    flat = near(lune_frames(1)).expand(2, -1)
+    result = both.evaluate(flat, Pressure(3.0))
+    assert result.gradient.isfinite().all()
+    for name in ("edge to neckline", "neckline to edge", "connection", "ridge at apex"):
+        assert result.terms[name][0] == 0
+        assert result.terms[name][1] > 0
+    for name in ("points", "regularity", "roughness", "ends", "twist"):
+        torch.testing.assert_close(result.terms[name][0], result.terms[name][1])
+
+
+def test_each_problem_is_as_if_alone_and_padding_does_not_matter():
+    """Clouds of different size in one batch; a padded point may be anywhere."""
+    targets = [target(1, 150), target(2, 40), target(3, 90)]
+    problem = objective(targets)
+    flat, press = near(problem.cup), pressure(problem)
+    whole = problem.evaluate(flat, press)
+    for k, own in enumerate(targets):
+        alone = objective([own]).evaluate(flat[k : k + 1], press.select(torch.tensor([k])))
+        torch.testing.assert_close(alone.value[0], whole.value[k], rtol=1e-13, atol=0)
+        torch.testing.assert_close(alone.gradient[0], whole.gradient[k], rtol=1e-10, atol=1e-12)
+        chosen = problem.select(torch.tensor([k])).evaluate(flat[k : k + 1], press.select(torch.tensor([k])))
+        torch.testing.assert_close(chosen.value[0], whole.value[k], rtol=1e-13, atol=0)
+    problem.targets.points[1, 40:] = 100 * torch.randn(110, 3, dtype=torch.float64)
+    moved = problem.evaluate(flat, press)
+    torch.testing.assert_close(moved.value, whole.value, rtol=1e-13, atol=0)
+    torch.testing.assert_close(moved.gradient, whole.gradient, rtol=1e-10, atol=1e-12)
+
+
+def test_a_cup_that_has_all_it_wants_costs_nothing():
+    """Points on the cup, neckline along its upper edge, developable panels: only the barrier's tail is left."""
+    cup = lune_frames(stations=101)
+    shape: CupShape = cup().map(lambda v: v[0].detach())
+    points = on_panels(shape, 200, np.random.default_rng(0)).numpy()
+    edge = shape.edges[-1].numpy()
+    own = Target("known", points * SCALE, edge * SCALE, edge * SCALE, edge[50] * SCALE, shape.edges[1, 50].numpy() * SCALE)
+    targets = Targets.stack([own], torch.tensor([SCALE], dtype=torch.float64))
+    problem = Objective(cup, targets, Conditions(ridge_apex=0.01))
+    terms = problem.evaluate(cup.flatten().detach(), Pressure(1e3)).terms
+    assert terms.pop("regularity").item() < 1e-6
+    assert max(v.item() for v in terms.values()) < 1e-7
+
+
+def test_multipliers_are_those_of_the_lagrangian():
+    """lambda c + mu / 2 c^2, up to a constant: the gradients agree."""
+    problem = objective([target(1)])
+    flat, press = near(problem.cup).requires_grad_(), pressure(problem)
+    expected = sum(
+        (press.multipliers[k] * c).sum() + press.penalty / 2 * c.square().sum()
+        for k, c in problem.constraints(problem.cup.shape_of(flat)).items()
+    )
+    assert isinstance(expected, torch.Tensor)
+    (lagrangian,) = torch.autograd.grad(expected, flat)
+    flat = flat.detach()
+    without = problem.evaluate(flat, Pressure(1e-12)).gradient
+    torch.testing.assert_close(problem.evaluate(flat, press).gradient - without, lagrangian, rtol=1e-8, atol=1e-8)
+
+
+def test_float32_is_close_to_float64():
+    double = objective([target(1)])
+    flat = near(double.cup)
+    scale = torch.full((1,), SCALE, dtype=torch.float32)
+    single = Objective(lune_frames(1).float(), Targets.stack([target(1)], scale), EVERYTHING)
+    own, exact = single.evaluate(flat.float(), Pressure(3.0)), double.evaluate(flat, Pressure(3.0))
+    assert own.gradient.dtype == torch.float32
+    torch.testing.assert_close(own.value.double(), exact.value, rtol=1e-4, atol=1e-6)
+    torch.testing.assert_close(own.gradient.double(), exact.gradient, rtol=1e-2, atol=1e-3)
+
+
+def test_errors():
+    with pytest.raises(ValueError, match="unknown point loss"):
+        Conditions(points="l3")
+    with pytest.raises(ValueError, match=r"condition.connection_width must be positive, got 0"):
+        Conditions(connection_width=0.0)

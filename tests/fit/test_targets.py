@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from lunes import lune_cup, sphere_points
+
+from brafit.fit import Target
+from brafit.fit.start import start_profiles
+from brafit.fit.targets import Targets, resample
+
+
+def target(count: int = 50, **given) -> Target:
+    return Target(f"sphere {count}", sphere_points(count)[0], lune_cup().edges[0, ::5].numpy(), **given)
+
+
+def test_stack_pads_with_weight_zero_and_divides_by_the_scale(dtype):
+    neckline = lune_cup().edges[-1].numpy()
+    both = [target(50, neckline=neckline, apex=np.array([1.0, 2, 3])), target(20, strap_point=np.array([4.0, 5, 6]))]
+    batch = Targets.stack(both, torch.tensor([80.0, 40.0], dtype=dtype))
+    assert batch.points.dtype == dtype
+    assert batch.points.shape == (2, 50, 3)
+    torch.testing.assert_close(batch.weights.sum(1), torch.ones(2, dtype=dtype))
+    assert (batch.weights[1, 20:] == 0).all()
+    np.testing.assert_allclose(batch.points[1, :20] * 40, both[1].points, rtol=1e-5)
+    assert batch.has_neckline.tolist() == [True, False]
+    assert batch.has_apex.tolist() == [True, False]
+    assert batch.has_connection.tolist() == [False, True]
+    np.testing.assert_allclose(batch.connection[1] * 40, [4, 5, 6], rtol=1e-5)
+    np.testing.assert_allclose(batch.apex[0] * 80, [1, 2, 3], rtol=1e-5)
+    chosen = batch.select(torch.tensor([1, 1]))
+    assert chosen.scale.tolist() == [40.0, 40.0]
+    assert chosen.has_connection.all()
+
+
+def test_resample_is_even_by_arc_length_and_keeps_the_ends():
+    a = np.linspace(0, np.pi, 200) ** 2 / np.pi
+    line = np.stack((np.cos(a), np.sin(a), 0 * a), axis=1)
+    even = resample(line, 31)
+    np.testing.assert_allclose(even[[0, -1]], line[[0, -1]], atol=1e-15)
+    steps = np.linalg.norm(np.diff(even, axis=0), axis=1)
+    np.testing.assert_allclose(steps, steps.mean(), rtol=1e-3)
+
+
+@pytest.mark.parametrize("given", ["neckline", "strap_point", "nothing"])
+def test_starts_span_from_the_wire_to_the_upper_edge(given):
+    shape = lune_cup(2)
+    extra = {
+        "neckline": {"neckline": shape.edges[-1].numpy()},
+        "strap_point": {"strap_point": np.array([0.0, 80, 80])},
+        "nothing": {},
+    }[given]
+    angles, reaches = start_profiles(target(2000, **extra), 2, 7)
+    assert angles.shape == reaches.shape == (7, 2)
+    tolerance = 0.08 if given == "nothing" else 1e-6
+    np.testing.assert_allclose(angles[:, 1], math.pi / 2, atol=tolerance)
+    np.testing.assert_allclose(reaches[:, 1], 80, rtol=0.05)
+    assert angles[0, 0] == pytest.approx(math.pi / 4, abs=tolerance)
+    assert ((angles[:, 0] > 0.1) & (angles[:, 0] < 1.4)).all()
+    assert len(set(angles[:, 0].round(6))) == 7
+    np.testing.assert_allclose(reaches[:, 0], 80, rtol=0.05)
+    again = start_profiles(target(2000, **extra), 2, 7)
+    np.testing.assert_array_equal(again[0], angles)
