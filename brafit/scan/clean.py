@@ -1,4 +1,4 @@
-"""From a raw cloud to the points of the fit: outliers out, the breast only, evenly thinned."""
+"""From a raw cloud to the points of the fit: doubles and outliers out, the breast only, evenly thinned."""
 
 from __future__ import annotations
 
@@ -10,30 +10,78 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from brafit.errors import ConfigError
+from brafit.scan.crop import crop
 from brafit.scan.engine import open3d
+from brafit.scan.surface import NEIGHBOURS, Surface, links, off_surface, parts, surface_of
 
 SURPLUS, SLACK = 1.2, 1.25
 """Occupied voxels, over the points wanted: what is aimed at and what will do. The excess is what crowded points are
 taken out of: the means of neighbouring voxels can lie close together."""
+DENSE = 60_000
+"""More points than this about a breast say nothing more about it: they are averaged in voxels first."""
+ISLAND = 0.05
+"""A part that hangs together with nothing else goes if it is smaller than this share of the largest: scanners cut real
+surfaces into large parts (shadows) and put small ones where nothing is."""
 
 
 @dataclass(frozen=True)
 class Cleaning:
-    """How many points each step took.
+    """How many points each step took; with `used` they add up to `read`.
 
     Attributes:
-        read: points in the file.
+        read: points in the file (or sampled on its mesh).
+        not_finite: coordinates NaN or infinite.
+        elsewhere: far from the breast, not looked at.
+        duplicates: repetitions of a point.
         outliers: removed as statistical outliers.
-        outside: of the rest, not flagged `inside` (0 for a cloud without the flag).
+        off_surface: floating beside the surface that their neighbours make up.
+        islands: in small parts without connection.
+        outside: not flagged `inside`, or not within wire and neckline.
+        thinned: merged with neighbours.
         used: points of the fit.
         voxel_mm: edge of the voxels in which points were averaged; 0 where all points are used.
     """
 
     read: int
+    not_finite: int
+    elsewhere: int
+    duplicates: int
     outliers: int
+    off_surface: int
+    islands: int
     outside: int
+    thinned: int
     used: int
     voxel_mm: float
+
+
+@dataclass(frozen=True)
+class Cleaned:
+    """A cleaned cloud in the cup frame, mm.
+
+    Attributes:
+        points: the points of the fit.
+        dense: all that is left of the breast before thinning: where there are data.
+        steps: what each step took.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    dense: Float[np.ndarray, "m 3"]
+    steps: Cleaning
+
+
+@dataclass(frozen=True)
+class Tidy:
+    """A cloud without doubles and outliers: the points, their flags, what was taken, and the surface where it is known."""
+
+    points: Float[np.ndarray, "n 3"]
+    inside: Bool[np.ndarray, " n"]
+    surface: Surface | None
+    duplicates: int = 0
+    outliers: int = 0
+    off_surface: int = 0
+    islands: int = 0
+    thinned: int = 0
 
 
 def clean(
@@ -44,35 +92,105 @@ def clean(
     outliers: float | None = 3.0,
     neighbours: int = 16,
 ) -> tuple[Float[np.ndarray, "m 3"], Cleaning]:
-    """Clean and thin a cloud (millimetres).
-
-    Outliers are sought among all points, so that the rim of the breast has its neighbours from the margin; then the
-    points flagged `inside` are taken and thinned. The result is sorted, and the same for every order of the input.
-
-    Args:
-        points, inside: the cloud and its flag.
-        count: points wanted; None for all. See `thin`.
-        outliers: a point goes when its mean distance to its neighbours exceeds the cloud's mean of it by this many
-            standard deviations; None keeps all.
-        neighbours: the number of neighbours for that.
+    """Clean and thin a cloud (cup frame, millimetres): `tidy`, then `finish` by the flag.
 
     Raises:
         ConfigError: a setting out of its range.
     """
-    _check_settings(count, outliers, neighbours)
+    check_settings(count, outliers, neighbours)
+    cleaned = finish(tidy(points, inside, outliers=outliers, neighbours=neighbours), count=count)
+    return cleaned.points, cleaned.steps
+
+
+def tidy(
+    points: Float[np.ndarray, "n 3"],
+    inside: Bool[np.ndarray, " n"] | None = None,
+    *,
+    outliers: float | None = 3.0,
+    neighbours: int = 16,
+    dense: int = DENSE,
+) -> Tidy:
+    """Take out what is no part of the surface. The result is sorted, and the same for every order of the input.
+
+    Outliers are sought among all points, so that the rim of the breast has its neighbours from the margin.
+
+    Args:
+        points, inside: the cloud (z towards the front, mm) and its flag.
+        outliers: a point goes when its mean distance to its neighbours exceeds the cloud's mean of it by this many
+            standard deviations; None keeps all points but repeated ones.
+        neighbours: the number of neighbours for that.
+        dense: clouds of more points are averaged in voxels first, if they have no flag.
+    """
+    read = len(points)
     flag = np.ones(len(points), dtype=bool) if inside is None else inside
+    thinned = 0
+    if inside is None and len(points) > dense:
+        points = _averaged(_cloud(points), _edge_for(points, dense))
+        flag, thinned = np.ones(len(points), dtype=bool), read - len(points)
     order = np.lexsort((flag, *points.T[::-1]))
     points, flag = points[order], flag[order]
-    kept = np.ones(len(points), dtype=bool) if outliers is None else inliers(points, neighbours, outliers)
-    chosen = points[kept & flag]
-    thinned, voxel = thin(chosen, count)
-    return thinned, Cleaning(
-        read=len(points),
-        outliers=int((~kept).sum()),
-        outside=int((kept & ~flag).sum()),
+    new = np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1)) if len(points) else np.zeros(0, dtype=bool)
+    # Of doubles with different flags the first is the one flagged 0; the point counts as inside if one of them does.
+    group = np.cumsum(new) - 1
+    flag = np.bincount(group, weights=flag) > 0 if len(points) else flag
+    points, duplicates = points[new], int((~new).sum())
+    counts = {"duplicates": duplicates, "thinned": thinned}
+    if outliers is None or len(points) <= NEIGHBOURS:
+        return Tidy(points, flag, None, **counts)
+    kept = inliers(points, neighbours, outliers)
+    points, flag, counts["outliers"] = points[kept], flag[kept], int((~kept).sum())
+    # A few rounds: what floats beside the surface also spoils the planes of its neighbours.
+    counts["off_surface"] = 0
+    for _ in range(3):
+        off = off_surface(points)
+        counts["off_surface"] += int(off.sum())
+        points, flag = points[~off], flag[~off]
+        if off.sum() <= len(off) // 500:
+            break
+    if len(points) <= NEIGHBOURS:
+        return Tidy(points, flag, None, **counts)
+    surface = surface_of(points, np.array([0.0, 0.0, 1.0]))
+    part, sizes = parts(links(surface))
+    kept = sizes[part] >= ISLAND * sizes[0]
+    counts["islands"] = int((~kept).sum())
+    return Tidy(points[kept], flag[kept], surface.select(kept), **counts)
+
+
+def finish(
+    tidied: Tidy,
+    curve: Float[np.ndarray, "k 3"] | None = None,
+    *,
+    count: int | None = 2000,
+    not_finite: int = 0,
+    elsewhere: int = 0,
+) -> Cleaned:
+    """The breast's points of a tidied cloud, thinned to `count` (see `thin`).
+
+    Args:
+        curve: the closed curve of wire and neckline to cut along; None: nothing but the flag decides.
+        not_finite, elsewhere: points that were left out before, for the counts.
+    """
+    chosen = tidied.inside
+    if curve is not None:
+        surface = tidied.surface or surface_of(tidied.points, np.array([0.0, 0.0, 1.0]))
+        chosen = chosen & crop(surface, curve)[0]
+    breast = tidied.points[chosen]
+    thinned, voxel = thin(breast, count)
+    taken = tidied.duplicates + tidied.outliers + tidied.off_surface + tidied.islands + tidied.thinned
+    steps = Cleaning(
+        read=len(tidied.points) + taken + not_finite + elsewhere,
+        not_finite=not_finite,
+        elsewhere=elsewhere,
+        duplicates=tidied.duplicates,
+        outliers=tidied.outliers,
+        off_surface=tidied.off_surface,
+        islands=tidied.islands,
+        outside=int((~chosen).sum()),
+        thinned=tidied.thinned + len(breast) - len(thinned),
         used=len(thinned),
         voxel_mm=voxel,
     )
+    return Cleaned(thinned, breast, steps)
 
 
 def inliers(points: Float[np.ndarray, "n 3"], neighbours: int, deviations: float) -> Bool[np.ndarray, " n"]:
@@ -139,6 +257,13 @@ def _voxel_for(points: np.ndarray, count: int) -> tuple[float, np.ndarray]:
     return fine, best
 
 
+def _edge_for(points: np.ndarray, dense: int) -> float:
+    """Voxel edge that leaves about `dense` points of a surface: from the number at a coarse edge, as areas go."""
+    coarse = float(np.linalg.norm(np.ptp(points, axis=0))) / 60
+    occupied = len(_averaged(_cloud(points), coarse))
+    return coarse * float(np.sqrt(occupied / dense))
+
+
 def _averaged(cloud: Any, edge: float) -> np.ndarray:
     return np.unique(cloud.voxel_down_sample(edge).point.positions.numpy(), axis=0)
 
@@ -148,7 +273,8 @@ def _cloud(points: np.ndarray) -> Any:
     return o3d.t.geometry.PointCloud(o3d.core.Tensor(np.ascontiguousarray(points)))
 
 
-def _check_settings(count: int | None, outliers: float | None, neighbours: int) -> None:
+def check_settings(count: int | None, outliers: float | None, neighbours: int) -> None:
+    """Refuse settings out of their range with a ConfigError."""
     if count is not None and count < 10:
         raise ConfigError(f"scan.points: {count}, but at least 10 are needed (null: all points)")
     if outliers is not None and not outliers > 0:

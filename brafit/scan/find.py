@@ -9,7 +9,7 @@ from pathlib import Path
 from brafit.errors import InputError
 from brafit.samples import sample_paths
 from brafit.scan.landmarks import landmarks_path
-from brafit.scan.read import FORMATS
+from brafit.scan.read import FORMATS, SURE_FORMATS
 
 SAMPLES = "samples"
 """The word that stands for the bundled scans."""
@@ -21,7 +21,8 @@ def find_scans(scans: str | Path | Sequence[str | Path] = SAMPLES) -> list[Path]
     Each entry is one of
       - `samples`: the bundled scans;
       - a folder: every cloud in it (not in its subfolders) that has a landmark file of the same stem;
-      - a pattern (`*`, `?`, `[...]`, `**`): every cloud and folder that it matches;
+      - a pattern (`*`, `?`, `[...]`, `**`): every cloud and folder that it matches; tables and arrays (`.txt`, `.csv`,
+        `.npy` and the like), which may be anything, only if it names that extension or a landmark file is beside them;
       - a file: itself, whatever it is, so that a missing or unusable one is reported by `load_scan`.
     A cloud without a landmark file is left out only where a folder was named.
 
@@ -92,12 +93,16 @@ def _expand(entry: str) -> list[Path]:
     if glob.has_magic(entry):
         matches = [Path(match) for match in glob.glob(str(path), recursive=True)]
         inside = [cloud for folder in matches if folder.is_dir() for cloud in _in_folder(folder)]
-        return [match for match in matches if _is_cloud(match)] + inside
+        named = Path(entry).suffix.lower()
+        return [match for match in matches if _is_cloud(match, named)] + inside
     return [path] if path.suffix else []
 
 
-def _is_cloud(path: Path) -> bool:
-    return path.suffix.lower() in FORMATS and path.is_file()
+def _is_cloud(path: Path, named: str = "") -> bool:
+    """Whether a file found in passing is a cloud: of a sure format, or of the named one, or with a landmark file."""
+    kind = path.suffix.lower()
+    sure = kind in SURE_FORMATS or kind == named or landmarks_path(path).is_file()
+    return kind in FORMATS and sure and path.is_file()
 
 
 def _in_folder(folder: Path) -> list[Path]:

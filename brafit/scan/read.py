@@ -1,24 +1,43 @@
-"""Reading point clouds: PLY through Open3D's tensor interface; PCD and plain text by NumPy."""
+"""Reading scans: point clouds (PLY, PCD, text, NumPy) and meshes (OBJ, STL, OFF, GLB, PLY with faces).
+
+PLY is read by Open3D and meshes by trimesh, both in a process of their own with a time limit; the rest by NumPy here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from brafit.errors import InputError
-from brafit.scan.engine import listening, open3d
+from brafit.scan.arrays import read_arrays
+from brafit.scan.mesh import MESH_FORMATS
 from brafit.scan.pcd import read_pcd
+from brafit.scan.ply import ply_elements
 from brafit.scan.text import TEXT_FORMATS, read_text
+from brafit.scan.worker import ReaderFailure, read_apart
 
 MIN_POINTS = 100
 FLAG = "inside"
+FORMATS = frozenset({".ply", ".pcd", ".npy", ".npz", *MESH_FORMATS, *TEXT_FORMATS})
+"""Extensions of the scans that are read, in lower case."""
+SURE_FORMATS = FORMATS - {".txt", ".csv", ".asc", ".npy", ".npz"}
+"""Those of them that hold hardly anything but scans; a file of the others may be anything."""
 
-_FAILURES = ("fail", "error", "unable", "unexpected")
+READ_SECONDS = 120.0
+MESH_POINTS = 200_000
+
+_MAGIC = {
+    b"ply": ".ply",
+    b"glTF": ".glb",
+    b"# .PCD": ".pcd",
+    b"OFF": ".off",
+    b"\x93NUMPY": ".npy",
+    b"PK\x03\x04": ".npz",
+}
+"""How files of some formats begin."""
 _PERMISSIONS = "Check the file and its permissions"
 _COMPLETE = "Export the cloud again, and check that the copy is complete"
 
@@ -29,38 +48,47 @@ class Cloud:
 
     Attributes:
         path: the file.
-        points: positions, in the file's unit and frame.
+        points: positions, in the file's unit and frame; finite.
         normals: unit normals, or None where the file has none.
         inside: True for points between wire and upper line, or None where the file has no property `inside`.
+        faces: faces of the mesh that the points were sampled on; 0 for a cloud.
+        dropped: points that were left out because their coordinates are NaN or infinite.
     """
 
     path: Path
     points: Float[np.ndarray, "n 3"]
     normals: Float[np.ndarray, "n 3"] | None
     inside: Bool[np.ndarray, " n"] | None
+    faces: int = 0
+    dropped: int = 0
 
 
-def read_cloud(path: str | Path) -> Cloud:
-    """Read a cloud (`FORMATS`; of a mesh, the vertices), in float64.
+def read_cloud(path: str | Path, *, seconds: float = READ_SECONDS, mesh_points: int = MESH_POINTS) -> Cloud:
+    """Read a scan (`FORMATS`), in float64.
+
+    Args:
+        seconds: time limit of the native readers.
+        mesh_points: points to sample on a mesh.
 
     Raises:
-        InputError: no such file, a format that is not read, a damaged file, fewer than `MIN_POINTS` points,
-            coordinates that are not finite.
+        InputError: no such file, a format that is not read, a damaged file, fewer than `MIN_POINTS` points, most
+            coordinates not finite.
         Open3DError: Open3D cannot be imported.
     """
     path = Path(path)
     _check_file(path)
-    columns = _read(path)
-    with np.errstate(invalid="ignore"):  # NaNs are reported below
-        points = columns["positions"].astype(np.float64)
-    _check_points(path, points)
-    normals = columns.get("normals")
-    flag = columns.get(FLAG)
+    columns = _read(path, seconds, mesh_points)
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is reported below
+        points = np.ascontiguousarray(columns["positions"], dtype=np.float64)
+    finite = _check_points(path, points)
+    normals, flag = columns.get("normals"), columns.get(FLAG)
     return Cloud(
         path=path,
-        points=points,
-        normals=None if normals is None else normals.astype(np.float64),
-        inside=None if flag is None else flag.reshape(len(points), -1)[:, 0] > 0.5,
+        points=points[finite],
+        normals=None if normals is None else normals.astype(np.float64)[finite],
+        inside=None if flag is None else flag.reshape(len(points), -1)[finite, 0] > 0.5,
+        faces=int(columns["faces"][0]) if "faces" in columns else 0,
+        dropped=int((~finite).sum()),
     )
 
 
@@ -81,58 +109,66 @@ def _check_file(path: Path) -> None:
         raise InputError(path, "the file is empty", _COMPLETE)
 
 
-def _read(path: Path) -> dict[str, np.ndarray]:
+def _read(path: Path, seconds: float, mesh_points: int) -> dict[str, np.ndarray]:
     """The cloud's columns by name."""
+    _check_extension(path)
     try:
-        columns = _READERS[path.suffix.lower()](path)
+        columns = _columns(path, seconds, mesh_points)
+    except ReaderFailure as error:
+        remedy = "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds"
+        raise InputError(path, f"cannot be read as a cloud ({error})", remedy) from None
     except ValueError as error:
-        raise InputError(path, f"cannot be read as a cloud, it is damaged or cut off ({error})", _COMPLETE) from None
+        cause = f"cannot be read as a cloud, it is damaged or cut off ({_plain(error)})"
+        raise InputError(path, cause, _COMPLETE) from None
     except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", _PERMISSIONS) from None
+        raise InputError(path, f"cannot be read ({error.strerror or error})", _PERMISSIONS) from None
     if not len(columns.get("positions", ())):
         raise InputError(path, "the cloud is empty: 0 points", _COMPLETE)
+    if any(len(column) != len(columns["positions"]) for name, column in columns.items() if name in ("normals", FLAG)):
+        raise InputError(path, "cannot be read as a cloud, its columns are not equally long", _COMPLETE)
     return columns
 
 
-def _read_ply(path: Path) -> dict[str, np.ndarray]:
-    """The columns of a PLY file; ValueError with a short reason if it is damaged.
-
-    A damaged PLY makes Open3D say something and return a cloud that is empty, or of the promised size with arbitrary
-    numbers in it; so anything said about a failure counts as one.
-    """
-    o3d = open3d()
-    columns: dict[str, np.ndarray] = {}
-    with listening() as messages:
-        try:
-            table: Any = o3d.t.io.read_point_cloud(str(path)).point
-            columns = {name: table[name].numpy().copy() for name in table}
-            trouble = ""
-        except (RuntimeError, KeyError, UnicodeDecodeError) as error:
-            trouble = str(error)
-    said = [line for line in messages.lines() if any(word in line.lower() for word in _FAILURES)]
-    if said:
-        raise ValueError(said[0].rstrip(".").replace(f": {path}", ""))
-    if "positions" in trouble:
-        raise ValueError("it has no positions x, y, z")
-    if trouble:
-        raise ValueError("Open3D refuses it")
-    return columns
+def _columns(path: Path, seconds: float, mesh_points: int) -> dict[str, np.ndarray]:
+    kind = path.suffix.lower()
+    if kind in TEXT_FORMATS:
+        return read_text(path)
+    if kind == ".pcd":
+        return read_pcd(path)
+    if kind in (".npy", ".npz"):
+        return read_arrays(path)
+    if kind == ".ply":
+        elements = {element.name: element for element in ply_elements(path)}
+        if "face" not in elements or not elements["face"].count or FLAG in elements["vertex"].properties:
+            return read_apart("ply", path, seconds)
+    return read_apart("mesh", path, seconds, count=mesh_points)
 
 
-_READERS: dict[str, Callable[[Path], dict[str, np.ndarray]]] = {
-    ".ply": _read_ply,
-    ".pcd": read_pcd,
-    **dict.fromkeys(TEXT_FORMATS, read_text),
-}
-FORMATS = frozenset(_READERS)
-"""Extensions of the clouds that are read, in lower case."""
+def _check_extension(path: Path) -> None:
+    """Refuse a file whose content is of another format than its name says."""
+    with path.open("rb") as file:
+        head = file.read(16)
+    found = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), None)
+    named = path.suffix.lower()
+    if found is not None and found != named:
+        raise InputError(path, f"is named {named}, but its content is {found}", f"Rename it to {path.stem}{found}")
 
 
-def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> None:
+def _plain(error: ValueError) -> str:
+    """A reason in printable characters, not too long."""
+    text = "".join(c if c.isprintable() else "?" for c in str(error))
+    return text if len(text) <= 160 else text[:157] + "..."
+
+
+def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    """Mask of the points that are finite."""
     if len(points) < MIN_POINTS:
         cause = f"the cloud is too small: {len(points)} point{'' if len(points) == 1 else 's'}"
         raise InputError(path, cause, f"A cup needs at least {MIN_POINTS}, and thousands to be good: scan more densely")
-    bad = int((~np.isfinite(points).all(axis=1)).sum())
-    if bad:
-        cause = f"{bad} of {len(points)} points have coordinates that are NaN or infinite"
+    finite = np.isfinite(points).all(axis=1)
+    good = int(finite.sum())
+    # Scanners mark what they did not see by NaN; a file that is mostly so is no scan.
+    if good < MIN_POINTS or 2 * good < len(points):
+        cause = f"{len(points) - good} of {len(points)} points have coordinates that are NaN or infinite"
         raise InputError(path, cause, "Remove these points and export the cloud again")
+    return finite

@@ -1,0 +1,112 @@
+"""Meshes: OBJ, STL, OFF, GLB and PLY with faces, read by trimesh in the readers' own process and sampled evenly."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from brafit.errors import BrafitError
+
+MESH_FORMATS = frozenset({".obj", ".stl", ".off", ".glb"})
+_PLASTIC = 1.3247179572447460
+"""The plastic number p: (k/p, k/p^2) mod 1 fills the unit square most evenly (Roberts' R2 sequence)."""
+
+
+def read_mesh(path: Path, count: int) -> dict[str, np.ndarray]:
+    """Points of a mesh file.
+
+    Args:
+        count: points to sample on its faces; a file without faces gives its vertices.
+
+    Returns:
+        positions; where there are faces also `faces`, their number.
+
+    Raises:
+        ValueError: with a short reason, if the file is damaged or holds no usable surface.
+        OSError: the file cannot be read.
+        BrafitError: trimesh is missing.
+    """
+    vertices, faces = _load(path)
+    if not len(vertices):
+        return {"positions": np.empty((0, 3))}
+    if not len(faces):
+        return {"positions": vertices}
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError("a face names a vertex that there is not")
+    used = vertices[np.unique(faces)]
+    if not np.isfinite(used).all():
+        raise ValueError("vertices of its faces are NaN or infinite")
+    return {"positions": sample_faces(vertices, faces, count), "faces": np.array([len(faces)])}
+
+
+def sample_faces(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], count: int
+) -> Float[np.ndarray, "count 3"]:
+    """`count` points spread evenly by area over a mesh; always the same ones.
+
+    Every face gets its share to within one point (equal steps along the running sum of areas). Within the faces the
+    points follow Roberts' R2 sequence, folded from the unit square into the triangle.
+
+    Raises:
+        ValueError: the faces have no area.
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    running = np.cumsum(area)
+    if not (np.isfinite(running[-1]) and running[-1] > 0):
+        raise ValueError("its faces have no area")
+    steps = (np.arange(count) + 0.5) / count * running[-1]
+    face = np.minimum(np.searchsorted(running, steps), len(faces) - 1)
+    k = np.arange(1, count + 1)
+    u, v = (k / _PLASTIC) % 1.0, (k / _PLASTIC**2) % 1.0
+    beyond = u + v > 1
+    u, v = np.where(beyond, 1 - u, u)[:, None], np.where(beyond, 1 - v, v)[:, None]
+    return a[face] + u * (b - a)[face] + v * (c - a)[face]
+
+
+def _load(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of everything in a file, in one frame."""
+    trimesh = _trimesh()
+    # Materials and textures are not asked for, so that a missing image is no fault; STL repeats its vertices.
+    options: dict[str, Any] = {"process": False}
+    if path.suffix.lower() == ".obj":
+        options["skip_materials"] = True
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            loaded = trimesh.load(str(path), **options)
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:
+        # trimesh passes on whatever its parsers raise; all of it means that the file is not what it should be.
+        what = " ".join(str(error).split())
+        raise ValueError(what[:120] if what and not isinstance(error, KeyError) else "it is not complete") from None
+    if isinstance(loaded, trimesh.Scene):
+        parts = [part for part in loaded.dump() if hasattr(part, "vertices")]
+    else:
+        parts = [loaded]
+    vertices = [np.asarray(part.vertices, dtype=np.float64).reshape(-1, 3) for part in parts]
+    faces = [_faces(part) for part in parts]
+    starts = np.cumsum([0, *map(len, vertices)])
+    moved = [face + start for face, start in zip(faces, starts[:-1], strict=True)]
+    return (
+        np.concatenate([np.empty((0, 3)), *vertices]),
+        np.concatenate([np.empty((0, 3), dtype=np.int64), *moved]),
+    )
+
+
+def _faces(part: Any) -> np.ndarray:
+    faces = np.asarray(getattr(part, "faces", ()), dtype=np.int64)
+    return faces.reshape(-1, 3) if faces.size else np.empty((0, 3), dtype=np.int64)
+
+
+def _trimesh() -> Any:
+    try:
+        import trimesh
+    except ModuleNotFoundError:
+        raise BrafitError("trimesh, which reads meshes, is missing. Run: pip install trimesh") from None
+    return trimesh
