@@ -149,7 +149,9 @@ def test_a_cup_that_has_all_it_wants_costs_nothing():
     shape: CupShape = cup().map(lambda v: v[0].detach())
     points = on_panels(shape, 200, np.random.default_rng(0)).numpy()
     edge = shape.edges[-1].numpy()
-    own = Target("known", points * SCALE, edge * SCALE, edge * SCALE, edge[50] * SCALE, shape.edges[1, 50].numpy() * SCALE)
+    own = Target(
+        "known", points * SCALE, edge * SCALE, edge * SCALE, edge[50] * SCALE, shape.edges[1, 50].numpy() * SCALE
+    )
     targets = Targets.stack([own], torch.tensor([SCALE], dtype=torch.float64))
     problem = Objective(cup, targets, Conditions(ridge_apex=0.01))
     terms = problem.evaluate(cup.flatten().detach(), Pressure(1e3)).terms

@@ -88,9 +88,7 @@ def test_regularity_margin(exact):
 
 @pytest.mark.parametrize("high", [0.5, 1e-3, -0.5])
 def test_regularity_margin_is_linear_to_the_apex_and_negative_beyond(high):
-    crossing = panel(
-        cone(0.6), stations(9), lambda s: s, lambda s: 2 + 0 * s, lambda s: 2 * high + 0 * s
-    )
+    crossing = panel(cone(0.6), stations(9), lambda s: s, lambda s: 2 + 0 * s, lambda s: 2 * high + 0 * s)
     margin = regularity(crossing.lower_tangent, crossing.upper_tangent, crossing.directions)
     close(margin, torch.full_like(margin, high))
 

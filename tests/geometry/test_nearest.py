@@ -232,6 +232,8 @@ def test_follows_type_and_device(dtype, device):
     tolerance = 1e-12 if dtype == torch.float64 else 1e-5
     own = own.cpu().double()
     torch.testing.assert_close(own.abs(), expected.abs(), rtol=0, atol=tolerance)
-    inside = ((feet.u > 0) & (feet.u < 1)).cpu()  # beyond the rim, near the tangent plane, the sign is a matter of rounding
+    inside = (
+        (feet.u > 0) & (feet.u < 1)
+    ).cpu()  # beyond the rim, near the tangent plane, the sign is a matter of rounding
     assert inside.any()
     torch.testing.assert_close(own[inside], expected[inside], rtol=0, atol=tolerance)
