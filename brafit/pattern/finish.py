@@ -257,7 +257,8 @@ def _finish(
     holes = [hole for hole in holes if inside.buffer(-2.0).contains(Point(*hole.point))]
     grain = _grain_line(inside, options.grain, holes)
     label = _label(piece, options, warnings, *names)
-    at, height = _label_place(inside, label, grain, holes)
+    taken = [hole.point for hole in holes] + [notch.beside(3.5) for notch in notches if notch.name]
+    at, height = _label_place(inside, label, grain, taken)
     sew = tuple(SewLine(e.name, e.kind, c, w) for e, c, w in zip(piece.edges, eased, widths, strict=True))
     return CutPiece(
         piece.name, names[1], sew, tuple(cut), tuple(notches), tuple(holes), grain, label, at, height, tuple(warnings)
@@ -471,12 +472,12 @@ LETTER = 0.55
 
 
 def _label_place(
-    inside: Polygon, label: Sequence[str], grain: Float[ndarray, "2 2"], holes: Sequence[Hole]
+    inside: Polygon, label: Sequence[str], grain: Float[ndarray, "2 2"], others: Sequence[Float[ndarray, "2"]]
 ) -> tuple[Float[ndarray, "2"], float]:
     """Where the label fits best, and its letters' height: at most 5 mm, at least 1 mm."""
     lengths = [len(line) for line in label if not line.startswith("WARNING")]
     wide, high = LETTER * max(lengths), LINE * len(label)
-    taken = [Point(*hole.point).buffer(4.0) for hole in holes] + [box(*grain.min(0) - 2, *grain.max(0) + 2)]
+    taken = [Point(*point).buffer(4.0) for point in others] + [box(*grain.min(0) - 2, *grain.max(0) + 2)]
     free = inside.buffer(-1.5).difference(unary_union(taken))
     prepared = prep(free)
     parts = [part for part in getattr(free, "geoms", [free]) if part.area > 0] or [inside]

@@ -1,6 +1,6 @@
 """Patterns as SVG in true millimetres: a user unit is one millimetre.
 
-Each kind of line is a layer (a group that Inkscape shows as one): `cut`, `sew`, `notch`, `drill`, `grain` and `text`, and
+Each kind of line is a layer (a group that Inkscape shows as one): `cut`, `sew`, `notch`, `drill`, `grain`, `text`; and
 in each of them every piece has a group of its name. What belongs to no piece is in the layer `info`.
 """
 
@@ -39,7 +39,7 @@ LEGEND: dict[Kind, str] = {"wire": "wire edge", "ridge": "ridge (seam between pa
 def write_svg(path: str | Path, patterns: Sequence[Pattern], title: str, note: str = "") -> None:
     """Write patterns at true size, with a legend and a control square of 100 mm.
 
-    In the layer `sew` every edge is a path of its own with the classes `edge` and its kind, its name in `inkscape:label`
+    In the layer `sew` every edge is a path of its own with the classes `edge` and its kind, its name in the label
     and its length in `data-length-mm`; in `cut` a piece is one closed path. Coordinates are exact to 1e-4 mm.
 
     Args:
@@ -47,6 +47,11 @@ def write_svg(path: str | Path, patterns: Sequence[Pattern], title: str, note: s
         title: usually the scan's name; any text.
         note: a second line, such as the cup's side and model.
     """
+    write_bytes(path, svg_bytes(patterns, title, note))
+
+
+def svg_bytes(patterns: Sequence[Pattern], title: str, note: str = "") -> bytes:
+    """The file that `write_svg` writes."""
     sheet = layout_columns([column for pattern in patterns for column in pattern.drawn], GAP)
     kinds = {line.kind for piece in sheet.pieces for line in piece.sew}
     warnings = [words for pattern in patterns for words in pattern.warnings]
@@ -79,7 +84,7 @@ def write_svg(path: str | Path, patterns: Sequence[Pattern], title: str, note: s
     _legend(info, MARGIN + CONTROL + GAP, top, kinds, len(placed), warnings, inner - CONTROL - GAP)
 
     ET.indent(root)
-    write_bytes(path, ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
+    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
 def _document(width: float, height: float, title: str) -> ET.Element:

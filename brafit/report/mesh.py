@@ -1,12 +1,14 @@
-"""The cup as a triangle mesh, and cup and points as PLY files.
+"""The cup as a triangle mesh, and cup and points as PLY, OBJ and GLB files.
 
-The PLY writer is our own: a header and one structured NumPy array per element is all that the format needs, and the
-ready-made package for it (plyfile) is under the GPL, which does not go with this package's licence.
+The writers are our own: a header and a few NumPy arrays is all that the formats need, and the ready-made package for
+PLY (plyfile) is under the GPL, which does not go with this package's licence.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import json
+import struct
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +16,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from brafit.atomic import write_bytes
+from brafit.atomic import write_bytes, write_text
 from brafit.cup.shape import CupShape
+from brafit.pattern.piece import Piece
 from brafit.report.colour import PANELS, distance_colours, distance_limit
 
 Place = Callable[[Float[ndarray, "n 3"]], Float[ndarray, "n 3"]]
@@ -94,6 +97,106 @@ def write_points_ply(
     write_bytes(path, _ply(_structured(fields), None, comment))
 
 
+@dataclass(frozen=True)
+class PanelMesh:
+    """One panel in space and flat.
+
+    Attributes:
+        name: its piece's name.
+        vertices, normals, faces: as in `Mesh`.
+        flat: each vertex's place in the flat pattern (the sewing lines, without ease), mm.
+    """
+
+    name: str
+    vertices: Float[ndarray, "v 3"]
+    normals: Float[ndarray, "v 3"]
+    flat: Float[ndarray, "v 2"]
+    faces: Int[ndarray, "f 3"]
+
+
+def panel_meshes(
+    shape: CupShape, pieces: Sequence[Piece], strips: int = 8, place: Place | None = None
+) -> list[PanelMesh]:
+    """A mesh for each panel, its vertices also in the flat pattern.
+
+    Args:
+        shape, strips, place: as for `cup_mesh`.
+        pieces: from `pieces_from_panels`, of the same cup.
+    """
+    mesh = cup_mesh(shape, strips, place)
+    meshes = []
+    for i, piece in enumerate(pieces):
+        lower, upper = piece.edges[0].points, piece.edges[1].points[::-1]
+        flat, _ = _panel_vertices(lower, upper, np.zeros_like(lower), strips)
+        own = mesh.panel == i
+        first = int(np.argmax(own))
+        faces = mesh.faces[own[mesh.faces[:, 0]]] - first
+        meshes.append(PanelMesh(piece.name, mesh.vertices[own], mesh.normals[own], flat, faces))
+    return meshes
+
+
+def write_cup_obj(path: str | Path, meshes: Sequence[PanelMesh]) -> None:
+    """Write panels as Wavefront OBJ: an object a panel, millimetres, texture coordinates the flat pattern in mm."""
+    lines, first = ["# brafit: bra cup, an object a panel; vt is the flat pattern; mm"], 1
+    for mesh in meshes:
+        lines.append(f"o {'_'.join(mesh.name.split())}")
+        lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices.tolist()]
+        lines += [f"vt {u:.6f} {v:.6f}" for u, v in mesh.flat.tolist()]
+        lines += [f"vn {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.normals.tolist()]
+        lines += ["f " + " ".join(f"{i}/{i}/{i}" for i in face) for face in (mesh.faces + first).tolist()]
+        first += len(mesh.vertices)
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def write_cup_glb(path: str | Path, meshes: Sequence[PanelMesh]) -> None:
+    """Write panels as binary glTF 2.0: a node a panel; TEXCOORD_0 is the flat pattern in mm.
+
+    Positions are mm too; as glTF's unit is the metre, the root node scales them by 1/1000.
+    """
+    body, views, accessors, nodes, entries, materials = b"", [], [], [], [], []
+
+    def add(values: ndarray, kind: str, target: int, **extra: list[float]) -> int:
+        nonlocal body
+        data = values.tobytes()
+        views.append({"buffer": 0, "byteOffset": len(body), "byteLength": len(data), "target": target})
+        body += data + b"\0" * (-len(data) % 4)
+        component = 5125 if values.dtype == np.uint32 else 5126
+        accessors.append({"bufferView": len(views) - 1, "componentType": component, "count": len(values), "type": kind})
+        accessors[-1] |= extra
+        return len(accessors) - 1
+
+    for i, mesh in enumerate(meshes):
+        positions = mesh.vertices.astype("<f4")
+        limits = {"min": positions.min(0).tolist(), "max": positions.max(0).tolist()}
+        attributes = {
+            "POSITION": add(positions, "VEC3", 34962, **limits),
+            "NORMAL": add(mesh.normals.astype("<f4"), "VEC3", 34962),
+            "TEXCOORD_0": add(mesh.flat.astype("<f4"), "VEC2", 34962),
+        }
+        indices = add(mesh.faces.astype("<u4").ravel(), "SCALAR", 34963)
+        entries.append({"name": mesh.name, "primitives": [{"attributes": attributes, "indices": indices, "material": i}]})
+        nodes.append({"name": mesh.name, "mesh": i})
+        colour = [*(PANELS[i % len(PANELS)] / 255).tolist(), 1.0]
+        surface = {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.9}
+        materials.append({"name": mesh.name, "pbrMetallicRoughness": surface, "doubleSided": True})
+    root = {"name": "cup", "children": list(range(len(nodes))), "scale": [0.001] * 3}
+    scene = {
+        "asset": {"version": "2.0", "generator": "brafit", "extras": {"TEXCOORD_0": "flat pattern in mm"}},
+        "scene": 0,
+        "scenes": [{"nodes": [len(nodes)]}],
+        "nodes": [*nodes, root],
+        "meshes": entries,
+        "materials": materials,
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(body)}],
+    }
+    text = json.dumps(scene, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(body), b"BIN\0") + body
+    write_bytes(path, struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
 def is_mirror(place: Place) -> bool:
     """Whether an isometry turns left hands into right ones."""
     corners = place(np.vstack((np.zeros(3), np.eye(3))))
@@ -102,13 +205,13 @@ def is_mirror(place: Place) -> bool:
 
 def _panel_vertices(
     lower: ndarray, upper: ndarray, normal: ndarray, strips: int
-) -> tuple[Float[ndarray, "v 3"], Float[ndarray, "v 3"]]:
+) -> tuple[Float[ndarray, "v k"], Float[ndarray, "v k"]]:
     """First tip, the inner stations' rulings (strips + 1 points each), last tip; a ruling has one normal."""
     share = np.linspace(0, 1, strips + 1)[None, :, None]
     rulings = (1 - share) * lower[1:-1, None] + share * upper[1:-1, None]
     tips = (lower + upper)[[0, -1]] / 2  # the two meet there, up to what the fit left open
     normals = np.repeat(normal[1:-1], strips + 1, axis=0)
-    return np.vstack((tips[:1], rulings.reshape(-1, 3), tips[1:])), np.vstack((normal[:1], normals, normal[-1:]))
+    return np.vstack((tips[:1], rulings.reshape(-1, lower.shape[1]), tips[1:])), np.vstack((normal[:1], normals, normal[-1:]))
 
 
 def _panel_faces(stations: int, strips: int) -> Int[ndarray, "f 3"]:
