@@ -40,6 +40,19 @@ class FramesConfig:
 
 
 @dataclass
+class StripsConfig:
+    """cup=strips"""
+
+    _target_: str = MISSING
+    _partial_: bool = True
+    panels: int = limited(1, 8)
+    terms: int = limited(1, 40)
+    stations: int = limited(9, 2001)
+    nodes: int = limited(8, 1000)
+    output_nodes: int = limited(8, 1000)
+
+
+@dataclass
 class StageConfig:
     """One of solver.stages"""
 
@@ -58,6 +71,28 @@ class AnnealConfig:
     _convert_: str = MISSING
     tolerance: float = limited(0)
     stages: list[StageConfig] = field(default_factory=list)
+
+
+@dataclass
+class LMStageConfig:
+    """One of solver.stages of solver=lm"""
+
+    steps: int = limited(1)
+    terms: int | None = field(default=None, metadata={"least": 1})
+    points: int | None = field(default=None, metadata={"least": 10})
+    keep: int | None = field(default=None, metadata={"least": 1})
+    penalty: float = field(default=1.0, metadata={"least": 0})
+    tolerance: float = field(default=1e-6, metadata={"least": 0})
+
+
+@dataclass
+class LMConfig:
+    """solver=lm"""
+
+    _target_: str = MISSING
+    _convert_: str = MISSING
+    margin: float = limited(0)
+    stages: list[LMStageConfig] = field(default_factory=list)
 
 
 @dataclass
@@ -110,7 +145,9 @@ def register() -> None:
     store.store(name="config_schema", node=Config)
     for group, name, node in (
         ("cup", "frames_schema", FramesConfig),
+        ("cup", "strips_schema", StripsConfig),
         ("solver", "anneal_schema", AnnealConfig),
+        ("solver", "lm_schema", LMConfig),
         ("condition", "condition_schema", ConditionConfig),
         ("scan", "scan_schema", ScanConfig),
     ):

@@ -3,6 +3,7 @@
 from brafit.cup.base import Cup
 from brafit.cup.frames import FramesCup
 from brafit.cup.shape import CupShape
+from brafit.cup.strips import StripsCup
 from brafit.cup.wire import Wire
 
-__all__ = ["Cup", "CupShape", "FramesCup", "Wire"]
+__all__ = ["Cup", "CupShape", "FramesCup", "StripsCup", "Wire"]

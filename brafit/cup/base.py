@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from brafit.cup.shape import CupShape
@@ -112,8 +112,14 @@ class Cup(nn.Module, ABC):
         return self.shape_of(flat)
 
     def columns(self, terms: int | None = None) -> Int[Tensor, " columns"]:
-        """Places in the flat matrix, increasing, of the parameters that are free while series have this many terms."""
+        """Places in the flat matrix, increasing, of the parameters that are free while series have this many terms (None: all there are)."""
         return torch.arange(self.size, device=self.stations.device)
+
+    def place_corner(
+        self, flat: Float[Tensor, "batch size"], points: Float[Tensor, "batch 3"], given: Bool[Tensor, " batch"]
+    ) -> Float[Tensor, "batch size"]:
+        """The parameters with the upper edge's corner, if the model has one, brought near the strap points that are given."""
+        return flat
 
     def refined(self) -> "Cup | None":
         """The same cups computed on a finer grid; None where the grid makes no difference to whether they are developable."""

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
@@ -27,6 +27,8 @@ RIB_LIMIT = 1.3
 """Largest rib angle in radians: alpha = 1.3 tanh(series / 1.3)."""
 CORNER_WIDTH = 0.03
 """Rounding of the upper edge's corner, as a share of half the wire."""
+CORNER_TERMS = 6
+"""Terms from which on the corner is free: before, the edge is too rough to tell where it belongs."""
 
 
 class StripsCup(Cup):
@@ -86,13 +88,27 @@ class StripsCup(Cup):
         return self._panel_columns(terms).sort().values
 
     def _panel_columns(self, terms: int | None) -> Int[Tensor, " columns"]:
-        """Panel by panel: angle, rib, length; the corner last."""
-        each = torch.arange(self.terms if terms is None else min(terms, self.terms), device=self.stations.device)
+        """Panel by panel: angle, rib, length; last the corner's height, and its place only with `terms` None (all parameters)."""
+        count = self.terms if terms is None else min(terms, self.terms)
+        each = torch.arange(count, device=self.stations.device)
         parts = []
         for i in range(self.panels):
             rib = self.panels + i * self.terms + each
             parts += [each.new_tensor([i]), rib, rib + self.panels * self.terms]
-        return torch.cat((*parts, each.new_tensor([self.size - 2, self.size - 1])))
+        free = 2 if terms is None else int(count >= min(CORNER_TERMS, self.terms))
+        return torch.cat((*parts, each.new_tensor([self.size - 2, self.size - 1][:free])))
+
+    @torch.no_grad()
+    def place_corner(
+        self, flat: Float[Tensor, "batch size"], points: Float[Tensor, "batch 3"], given: Bool[Tensor, " batch"]
+    ) -> Float[Tensor, "batch size"]:
+        """The parameters with a corner that is still flat moved to the ruling whose upper end is nearest to a point, where one is given."""
+        shape = self.sketch(flat)
+        away = (shape.edges[:, -1] - points[:, None]).square().sum(-1)
+        place = self.grid.x[away.argmin(-1)].clamp(-0.8, 0.8)
+        moved = flat.clone()
+        moved[:, -1] = torch.where(given & (flat[:, -2] == 0), place, flat[:, -1])
+        return moved
 
     # --- the chain of panels ---
 
@@ -182,7 +198,7 @@ class StripsCup(Cup):
     def linearise(self, flat: Float[Tensor, "batch size"], terms: int | None = None) -> Linearised:
         """The cups at the nodes and their derivatives, in closed form: the linearised equations of `brafit.geometry.strip`."""
         grid, columns = self.grid, self._panel_columns(terms)
-        terms = (len(columns) // self.panels - 1) // 2
+        terms = self.terms if terms is None else min(terms, self.terms)
         n, batch = len(grid.s), len(flat)
         basis, basis_slope = grid.basis[:terms].mT, grid.basis_slope[:terms].mT  # (n, terms)
         rows = (self.panels + 1) * n
@@ -194,8 +210,9 @@ class StripsCup(Cup):
         panels = list(self._march(flat, grid))
         for i, panel in enumerate(panels):
             own_log, own_log_slope = basis, basis_slope
-            if i == self.panels - 1:
-                extra, extra_slope = _corner_columns(self.split(flat)["corner"], grid.x)
+            corner_columns = len(columns) - self.panels * (1 + 2 * terms)
+            if i == self.panels - 1 and corner_columns:
+                extra, extra_slope = (v[..., :corner_columns] for v in _corner_columns(flat[:, -2:], grid.x))
                 own_log = torch.cat((basis.expand(batch, -1, -1), extra), dim=-1)
                 own_log_slope = torch.cat((basis_slope.expand(batch, -1, -1), extra_slope), dim=-1)
             own = 1 + terms + own_log.shape[-1]
@@ -292,12 +309,7 @@ class StripsCup(Cup):
         return torch.cat((order.new_zeros(self.panels), order.repeat(2 * self.panels), order.new_zeros(2)))
 
     @torch.no_grad()
-    def start(
-        self,
-        angles: Float[Tensor, "batch panels"],
-        reaches: Float[Tensor, "batch panels"],
-        corner: Float[Tensor, " batch"] | None = None,
-    ) -> None:
+    def start(self, angles: Float[Tensor, "batch panels"], reaches: Float[Tensor, "batch panels"]) -> None:
         """Rulings at right angles to the edges, and each ruling length a single bump, such that the middle ruling's ends are at these places."""
         grid = self.grid
         middle = len(grid.s) // 2
@@ -311,8 +323,6 @@ class StripsCup(Cup):
         self.length.zero_()
         self.length[..., 0] = step.norm(dim=-1).clamp_min(1e-2 * LENGTH).log()
         self.corner.zero_()
-        if corner is not None:
-            self.corner[:, 1] = corner
 
     def select(self, index: Tensor) -> "StripsCup":
         cup = copy.copy(self)

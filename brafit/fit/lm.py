@@ -99,6 +99,8 @@ class LM:
             for look in range(_LOOKS + 1 if last else 1):
                 running = live if look == 0 else live[low]
                 part = objective.select(running)
+                targets = part.targets
+                place[running] = part.cup.place_corner(place[running], targets.connection, targets.has_connection)
                 part = part if stage.points is None else part.thinned(stage.points)
                 pressure = Pressure(
                     stage.penalty, {k: v[running] for k, v in multipliers.items()}, barrier[running]
@@ -150,11 +152,12 @@ def minimise(objective: Objective, start: Float[Tensor, "batch size"], pressure:
     The damping follows Nielsen (1999): it falls smoothly with the ratio of found to expected decrease, and grows ever faster while steps
     are refused.
     """
-    columns = objective.cup.columns(stage.terms)
+    terms = objective.cup.terms if stage.terms is None else stage.terms
+    columns = objective.cup.columns(terms)
     batch = len(start)
     index = torch.arange(batch, device=start.device)
     place, result = start, start.clone()
-    here = normal_equations(objective, place, pressure, stage.terms)
+    here = normal_equations(objective, place, pressure, terms)
     value, margin = here.value.clone(), here.margin.clone()
     converged = torch.zeros(batch, dtype=torch.bool, device=start.device)
     diverged = ~(here.value.isfinite() & here.matrix.isfinite().all(-1).all(-1))
@@ -176,7 +179,7 @@ def minimise(objective: Objective, start: Float[Tensor, "batch size"], pressure:
         move, expected = _step(here, damping)
         trial = place.clone()
         trial[:, columns] += move
-        there = normal_equations(objective, trial, pressure, stage.terms)
+        there = normal_equations(objective, trial, pressure, terms)
         gain = here.value - there.value
         ratio = gain / expected
         finite = there.value.isfinite() & there.matrix.isfinite().all(-1).all(-1)

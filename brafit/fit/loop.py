@@ -83,7 +83,7 @@ def fit_targets(
     model = cup(wires.select(repeated).to(device=device, dtype=dtype))
     batch = Targets.stack(targets, model.wire.scale[::restarts]).select(repeated.to(device))
     model.start(angles, reaches / batch.scale[:, None])
-    objective = Objective(model, batch, condition)
+    objective = Objective(model, batch, condition, repeated.to(device))
     solution = solver.solve(objective, model.flatten().detach(), callback)
 
     final = objective.evaluate(solution.flat, Pressure(solution.pressure.penalty)).value
