@@ -1,16 +1,21 @@
 """Fitting cups to scans: objective, solvers, results. Knows neither configuration files nor logs."""
 
 from brafit.fit.anneal import Anneal, Stage
+from brafit.fit.lm import LM, LMStage
 from brafit.fit.loop import CupFit, fit_targets
+from brafit.fit.nelder_mead import NelderMead
 from brafit.fit.objective import Conditions
 from brafit.fit.result import ResultCode
 from brafit.fit.solver import Solution, Solver, Step
 from brafit.fit.targets import Target
 
 __all__ = [
+    "LM",
     "Anneal",
     "Conditions",
     "CupFit",
+    "LMStage",
+    "NelderMead",
     "ResultCode",
     "Solution",
     "Solver",

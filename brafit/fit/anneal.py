@@ -126,7 +126,7 @@ def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pr
     if closure(place).shape[1] == 0:
         return place
     transform = whitening(normal_equations(objective, place, pressure).matrix)
-    for _ in range(3):
+    for _ in range(8):
         gap = closure(place)
         jacobian = derivatives(lambda flat: (closure(flat),), place)[0].movedim(0, -1)
         change = []
