@@ -150,6 +150,7 @@ def job_of(config: DictConfig, out: Path) -> Job:
         cup=_build(config, "cup"),
         solver=_build(config, "solver"),
         condition=_build(config, "condition"),
+        pattern=_build(config, "pattern"),
         names=dict(HydraConfig.get().runtime.choices) if HydraConfig.initialized() else {},
         scan={str(key): value for key, value in settings["scan"].items()},
         restarts=config.restarts,

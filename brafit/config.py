@@ -60,7 +60,7 @@ class StageConfig:
     steps: int = limited(0)
     penalty: float = limited(0)
     rate: float = 0.03
-    scaled: bool = True
+    damping: float = field(default=1e-7, metadata={"least": 0})
 
 
 @dataclass
@@ -71,6 +71,20 @@ class AnnealConfig:
     _convert_: str = MISSING
     tolerance: float = limited(0)
     stages: list[StageConfig] = field(default_factory=list)
+
+
+@dataclass
+class PaperConfig:
+    """solver=paper"""
+
+    _target_: str = MISSING
+    rounds: int = limited(1)
+    evaluations: int = limited(1)
+    penalty: float = limited(0)
+    growth: float = limited(1)
+    largest: float = limited(0)
+    tolerance: float = limited(0)
+    seconds: float | None = limited(0)
 
 
 @dataclass
@@ -123,8 +137,50 @@ class ScanConfig:
 
 
 @dataclass
+class AllowanceConfig:
+    """pattern.allowance"""
+
+    wire: float = limited(0, 100)
+    ridge: float = limited(0, 100)
+    upper: float = limited(0, 100)
+
+
+@dataclass
+class EaseConfig:
+    """pattern.ease"""
+
+    width: float = limited(-50, 50)
+    height: float = limited(-50, 50)
+
+
+@dataclass
+class PatternConfig:
+    """pattern=default"""
+
+    _target_: str = MISSING
+    _convert_: str = MISSING
+    formats: list[str] = field(default_factory=list)
+    meshes: list[str] = field(default_factory=list)
+    report: bool = MISSING
+    allowance: AllowanceConfig = field(default_factory=AllowanceConfig)
+    ease: EaseConfig = field(default_factory=EaseConfig)
+    notches: int = limited(0, 20)
+    notch_depth: float = limited(0, 20)
+    grain: float = limited(-360, 360)
+    pair: bool = MISSING
+    quantity: int = limited(1)
+    size: str = MISSING
+    units: str = one_of("mm", "inch")
+    paper: str = one_of("a4", "letter")
+    material_width: float = limited(1)
+    seam_tolerance: float = limited(0)
+    twist_limit: float = limited(0)
+    nest: bool = MISSING
+
+
+@dataclass
 class Config:
-    """All settings of a run. The groups cup, solver and condition hold whatever their `_target_` takes."""
+    """All settings of a run. The groups cup, solver, condition and pattern hold whatever their `_target_` takes."""
 
     scans: Any = MISSING
     out: str = MISSING
@@ -137,6 +193,7 @@ class Config:
     cup: Any = MISSING
     solver: Any = MISSING
     condition: Any = MISSING
+    pattern: Any = MISSING
 
 
 def register() -> None:
@@ -148,10 +205,28 @@ def register() -> None:
         ("cup", "strips_schema", StripsConfig),
         ("solver", "anneal_schema", AnnealConfig),
         ("solver", "lm_schema", LMConfig),
+        ("solver", "paper_schema", PaperConfig),
         ("condition", "condition_schema", ConditionConfig),
         ("scan", "scan_schema", ScanConfig),
+        ("pattern", "pattern_schema", PatternConfig),
     ):
         store.store(group=group, name=name, node=node)
+
+
+def from_settings(settings: Sequence[str]) -> DictConfig:
+    """The configuration that the command line would make of these settings, checked.
+
+    Raises:
+        ConfigError: names the key, what came and what is allowed.
+    """
+    register()
+    try:
+        with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
+            config = compose("config", overrides=list(settings))
+    except Exception as error:
+        raise ConfigError(explain(error, list(settings))) from error
+    check(config)
+    return config
 
 
 def check(config: DictConfig) -> None:

@@ -21,17 +21,17 @@ from tqdm import tqdm
 from brafit import __version__
 from brafit.errors import InputError
 from brafit.fit import CupFit, ResultCode, Step, Target, fit_targets
-from brafit.pattern import Piece, Side, pieces_from_panels, write_svg
+from brafit.pattern import Pattern, PatternOptions, Side
 from brafit.report.figures import fit_figure, pattern_figure
-from brafit.report.mesh import write_cup_ply, write_points_ply
+from brafit.report.page import write_index
 from brafit.report.table import format_table, write_fit_json, write_summary
 from brafit.report.tensorboard import Recorder
+from brafit.result import FILES, Result, write_patterns
 from brafit.scan import Scan, find_scans, load_scan, scan_names
 
 Row = dict[str, Any]
 """One scan's line of summary.csv, see `brafit.report.table.SUMMARY_KEYS`."""
 
-_RESULTS = ("patterns.svg", "cup.ply", "points.ply")
 _TABLE_ROWS = 60
 
 
@@ -44,6 +44,7 @@ class Job:
         out: folder of the results.
         cup: makes the cup, such as a partial of `brafit.cup.FramesCup`.
         solver, condition: what `brafit.fit.fit_targets` takes.
+        pattern: how patterns are finished and which files are written.
         names: what the rows call the cup model (`cup`) and the solver (`solver`).
         scan: keyword arguments of `brafit.scan.load_scan`.
         restarts: starts per scan.
@@ -58,6 +59,7 @@ class Job:
     cup: Callable[..., Any]
     solver: Any
     condition: Any
+    pattern: PatternOptions = field(default_factory=PatternOptions)
     names: Mapping[str, Any] = field(default_factory=dict)
     scan: Mapping[str, Any] = field(default_factory=dict)
     restarts: int = 1
@@ -90,18 +92,25 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     scans = list(zip(scan_names(paths), paths, strict=True))
     batches = [scans[i : i + job.batch] for i in range(0, len(scans), job.batch)]
     rows: list[Row] = []
+    nest: list[Pattern] = []
     for number, batch in enumerate(batches, start=1):
         several = len(batches) > 1
         title = f"batch {number}/{len(batches)}" if several else "fit"
         events = job.out / "tensorboard" / (f"batch_{number:04d}" if several else "")
-        rows += _run_batch(job, batch, title, events)
+        rows += _run_batch(job, batch, title, events, nest)
         write_summary(job.out / "summary.csv", rows)
+        if job.pattern.report:
+            write_index(job.out / "index.html", rows)
+    if nest:
+        write_patterns(job.out, nest, job.out.name, f"{len(nest)} scans", job.pattern.formats)
     if say is not None:
         say(_closing(job, rows))
     return rows
 
 
-def _run_batch(job: Job, batch: Sequence[tuple[str, Path]], title: str, events: Path) -> list[Row]:
+def _run_batch(
+    job: Job, batch: Sequence[tuple[str, Path]], title: str, events: Path, nest: list[Pattern]
+) -> list[Row]:
     rows: dict[str, Row] = {}
     loaded: list[Scan] = []
     for name, path in batch:
@@ -111,14 +120,16 @@ def _run_batch(job: Job, batch: Sequence[tuple[str, Path]], title: str, events: 
             rows[name] = _failed(job, name, str(error))
             tqdm.write(f"failed: {error}", file=sys.stderr)
     if loaded:
-        rows |= _fit_batch(job, loaded, title, events)
+        rows |= _fit_batch(job, loaded, title, events, nest)
     for name, path in batch:
         if rows[name]["status"] == "failed":
             _write_failure(job, rows[name], path)
     return [rows[name] for name, _ in batch]
 
 
-def _fit_batch(job: Job, scans: Sequence[Scan], title: str, events: Path) -> dict[str, Row]:
+def _fit_batch(
+    job: Job, scans: Sequence[Scan], title: str, events: Path, nest: list[Pattern]
+) -> dict[str, Row]:
     for stale in events.glob("events.out.tfevents.*"):  # TensorBoard would draw both runs as one
         stale.unlink()
     with Recorder(events) as recorder:
@@ -127,7 +138,7 @@ def _fit_batch(job: Job, scans: Sequence[Scan], title: str, events: Path) -> dic
         except Exception as error:
             reason = _unexpected(job, error, "the fit of its batch")
             return {scan.name: _failed(job, scan.name, reason, scan) for scan in scans}
-        return {scan.name: _finish(job, scan, fit, recorder) for scan, fit in zip(scans, fits, strict=True)}
+        return {scan.name: _finish(job, scan, fit, recorder, nest) for scan, fit in zip(scans, fits, strict=True)}
 
 
 def _fit(job: Job, scans: Sequence[Scan], title: str, recorder: Recorder) -> list[CupFit]:
@@ -155,17 +166,19 @@ def _fit(job: Job, scans: Sequence[Scan], title: str, recorder: Recorder) -> lis
     return fits
 
 
-def _finish(job: Job, scan: Scan, fit: CupFit, recorder: Recorder) -> Row:
-    """The row of a fit; its files and pictures are written if it is ok."""
+def _finish(job: Job, scan: Scan, fit: CupFit, recorder: Recorder, nest: list[Pattern]) -> Row:
+    """The row of a fit; its files and pictures are written if it is ok, and its pattern kept if a nest is asked for."""
     row = _row(job, scan, fit)
     if row["status"] == "ok":
         try:
-            pieces = pieces_from_panels(fit.panels, _side(scan))
-            _write_results(job, scan, fit, pieces, row)
-            patterns = pattern_figure(pieces, scan.name)
+            result = _result(job, scan, fit, row)
+            extra = {"cleaning": asdict(scan.cleaning), "landmarks": _landmarks(scan)}
+            result.save(job.out / scan.name, extra | _provenance(job, scan.path))
+            patterns = pattern_figure(result.patterns(), scan.name)
             view = fit_figure(scan.points, fit.distances, fit.shape, scan.name, _side(scan))
             recorder.images(scan.name, patterns=patterns, fit=view)
             recorder.mesh(scan.name, fit.shape, scan.points, fit.distances)
+            nest += [result.patterns()] * job.pattern.nest
         except Exception as error:
             row |= {"status": "failed", "reason": _unexpected(job, error, "writing its results")}
     return row
@@ -226,32 +239,32 @@ def _side(scan: Scan) -> Side:
     return "right" if scan.side == "right" else "left"
 
 
-def _write_results(job: Job, scan: Scan, fit: CupFit, pieces: Sequence[Piece], row: Row) -> None:
-    folder = job.out / scan.name
-    note = f"{scan.side} cup, {row['cup']}, {len(fit.panels)} panel{'s' * (len(fit.panels) > 1)}"
-    write_svg(folder / "patterns.svg", pieces, scan.name, note)
-    write_cup_ply(folder / "cup.ply", fit.shape, scan.frame.to_scan)
-    write_points_ply(folder / "points.ply", scan.frame.to_scan(scan.points), fit.distances)
-    extra = {
-        "code": fit.code.name,
-        "edges_mm": {piece.name: {edge.name: edge.length for edge in piece.edges} for piece in pieces},
-        "frame": {"origin": scan.frame.origin, "axes": scan.frame.axes},
-        "cleaning": asdict(scan.cleaning),
-        "landmarks": {
-            "wire_points": len(scan.wire),
-            "neckline_points": 0 if scan.neckline is None else len(scan.neckline),
-            "strap_point": scan.strap_point,
-            "apex": scan.apex,
-        },
-        "parameters": fit.parameters,
+def _result(job: Job, scan: Scan, fit: CupFit, row: Row) -> Result:
+    sources = {
+        "points": f"{scan.path.name}, {len(scan.points)} used",
+        "wire": f"given ({len(scan.wire)} points)",
+        "side": f"given ({scan.side})",
+        "neckline": "none: only the points say where the cup ends" if scan.neckline is None else "given",
+        "strap point": "none" if scan.strap_point is None else "given",
+        "apex": "not given: the cup's point farthest from the chest" if scan.apex is None else "given",
     }
-    write_fit_json(folder / "fit.json", row, extra | _provenance(job, scan.path))
+    details = {key: row.get(key) for key in ("reason", "cup", "solver", "panels", "terms")}
+    return Result(fit, _target(scan), _side(scan), scan.frame, job.pattern, sources, details)
+
+
+def _landmarks(scan: Scan) -> dict[str, Any]:
+    return {
+        "wire_points": len(scan.wire),
+        "neckline_points": 0 if scan.neckline is None else len(scan.neckline),
+        "strap_point": scan.strap_point,
+        "apex": scan.apex,
+    }
 
 
 def _write_failure(job: Job, row: Row, path: Path) -> None:
     """fit.json of a failed scan; results of an earlier run in the same folder must not pass for its own."""
     folder = job.out / row["scan"]
-    for name in _RESULTS:
+    for name in FILES:
         (folder / name).unlink(missing_ok=True)
     write_fit_json(folder / "fit.json", row, _provenance(job, path))
 

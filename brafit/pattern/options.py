@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from brafit.errors import ConfigError
 
 FORMATS = ("svg", "dxf", "pdf")
+MESHES = ("ply", "obj", "glb")
 PAPERS: dict[str, tuple[float, float]] = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
 """Width and height in mm."""
 UNITS: dict[str, float] = {"mm": 1.0, "inch": 25.4}
@@ -19,7 +20,9 @@ class PatternOptions:
     """How patterns are finished and written. Lengths are mm.
 
     Attributes:
-        formats: files to write, of `FORMATS`.
+        formats: pattern files to write, of `FORMATS`.
+        meshes: files of the cup in 3D to write, of `MESHES`.
+        report: whether to write web pages.
         allowance: seam allowance of each kind of edge: `wire`, `ridge`, `upper`.
         ease: by how many per cent pieces are made larger (negative: smaller, for stretch cloth) along the wire's chord
             (`width`) and at right angles to it (`height`). Allowances keep their width.
@@ -34,13 +37,15 @@ class PatternOptions:
         material_width: usable width of the cloth, at right angles to the grain.
         seam_tolerance: the two sides of a seam may differ in length by this much without a warning.
         twist_limit: twist (degrees) up to which a panel passes for developable without a warning.
-        nest: whether all patterns of a run are also written into one file per format (DXF, SVG).
+        nest: whether all patterns of a run are also written into one file of each format.
 
     Raises:
         ConfigError: names the setting, what came and what is allowed.
     """
 
     formats: Sequence[str] = FORMATS
+    meshes: Sequence[str] = MESHES
+    report: bool = True
     allowance: Mapping[str, float] = field(default_factory=lambda: {"wire": 6.0, "ridge": 6.0, "upper": 6.0})
     ease: Mapping[str, float] = field(default_factory=lambda: {"width": 0.0, "height": 0.0})
     notches: int = 2
@@ -57,8 +62,9 @@ class PatternOptions:
     nest: bool = False
 
     def __post_init__(self) -> None:
-        if wrong := [name for name in self.formats if name not in FORMATS]:
-            raise ConfigError(f"pattern.formats: {wrong[0]!r} is none of {', '.join(FORMATS)}")
+        for key, names, choices in (("formats", self.formats, FORMATS), ("meshes", self.meshes, MESHES)):
+            if wrong := [name for name in names if name not in choices]:
+                raise ConfigError(f"pattern.{key}={wrong[0]}: must be a list of {', '.join(choices)}")
         _one_of("units", self.units, UNITS)
         _one_of("paper", self.paper, PAPERS)
         for kind in ("wire", "ridge", "upper"):

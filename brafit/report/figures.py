@@ -98,6 +98,27 @@ def fit_figure(
     return figure
 
 
+def thumbnail_figure(
+    points: Float[ndarray, "n 3"], distances: Float[ndarray, " n"], shape: CupShape, side: Side = "left"
+) -> Figure:
+    """A small picture of cup and cloud without any text; arguments as for `fit_figure`."""
+    outward = -1.0 if side == "right" else 1.0
+    chosen = np.unique(np.linspace(0, len(points) - 1, min(len(points), 800)).astype(int))
+    view = View.of((0.42, 0.55 * outward, 0.72), (-1, 0, 0))
+    limit = distance_limit(distances)
+    picture = _fit_picture(view, points[chosen], distances[chosen], shape, limit, outward)
+    figure = Figure(figsize=(2.64, 1.76))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    low, high = picture.bounds
+    picture.paint(axes, np.zeros(2))
+    axes.set_aspect("equal")
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.margins(0.04)
+    axes.axis("off")
+    return figure
+
+
 def cup_figure(shape: CupShape, points: Float[ndarray, "n 3"] | None, title: str, unit: str = "") -> Figure:
     """A cup as the paper draws it (Figs 9, 11): wire solid, rulings dashed, points dots; in space and in three planes.
 

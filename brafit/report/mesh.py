@@ -174,7 +174,8 @@ def write_cup_glb(path: str | Path, meshes: Sequence[PanelMesh]) -> None:
             "TEXCOORD_0": add(mesh.flat.astype("<f4"), "VEC2", 34962),
         }
         indices = add(mesh.faces.astype("<u4").ravel(), "SCALAR", 34963)
-        entries.append({"name": mesh.name, "primitives": [{"attributes": attributes, "indices": indices, "material": i}]})
+        primitive = {"attributes": attributes, "indices": indices, "material": i}
+        entries.append({"name": mesh.name, "primitives": [primitive]})
         nodes.append({"name": mesh.name, "mesh": i})
         colour = [*(PANELS[i % len(PANELS)] / 255).tolist(), 1.0]
         surface = {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.9}
@@ -229,6 +230,7 @@ def _panel_faces(stations: int, strips: int) -> Int[ndarray, "f 3"]:
 def _placed(mesh: Mesh, place: Place) -> Mesh:
     vertices = place(mesh.vertices)
     normals = place(mesh.vertices + mesh.normals) - vertices
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)  # the frame that is written may have another unit
     faces = mesh.faces[:, ::-1] if is_mirror(place) else mesh.faces
     return Mesh(vertices, normals, mesh.panel, faces)
 

@@ -15,7 +15,7 @@ from urllib.parse import quote
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from brafit import __version__
 from brafit.atomic import write_text
@@ -80,6 +80,7 @@ def write_report(
     limit = distance_limit(distances)
     about = [str(row[key]) for key in ("side", "cup", "solver") if row.get(key)]
     about += [f"{row['panels']} panels"] if row.get("panels") else []
+    data = _data(side, shape, papers, points, distances, limit)
     body = [
         f"<h1>{_text(name)}</h1>",
         f'<p class="soft">{_text(", ".join(about))}; {_text(row.get("reason") or "")}</p>',
@@ -94,12 +95,10 @@ def write_report(
         "</section><section><h2>Fit</h2>",
         _figure_table(row),
         "<h2>Given and guessed</h2>",
-        "<table>"
-        + "".join(f"<tr><th>{_text(k)}</th><td>{_text(v)}</td></tr>" for k, v in sources.items())
-        + "</table>",
+        _pairs_table(sources),
         "<h2>Files</h2><p>" + ", ".join(f'<a href="{_link(file)}">{_text(file)}</a>' for file in files) + "</p>",
         "</section></div>",
-        f'<script type="application/json" id="cup-data">{_data(side, shape, papers, points, distances, limit)}</script>',
+        f'<script type="application/json" id="cup-data">{data}</script>',
         f"<script>{_asset('viewer.js')}</script>",
     ]
     write_text(path, _page(f"{name}: bra cup", "\n".join(body)))
@@ -126,7 +125,8 @@ def write_index(
     body = (
         f"<h1>bra cups</h1><p>{good} of {len(rows)} scans ok. Lengths in mm, angles in degrees. "
         "Click a heading to sort, a scan for its report.</p>"
-        f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>\n{lines}\n</tbody></table></div>'
+        f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead>'
+        f"<tbody>\n{lines}\n</tbody></table></div>"
         f"<script>{_asset('table.js')}</script>"
     )
     write_text(path, _page("bra cups", body, wide=True))
@@ -208,6 +208,11 @@ def _dimension_table(dimensions: Sequence[Dimension], pattern: Pattern) -> str:
     return f"<table>{''.join(lines)}</table>"
 
 
+def _pairs_table(pairs: Mapping[str, str]) -> str:
+    lines = "".join(f"<tr><th>{_text(key)}</th><td>{_text(value)}</td></tr>" for key, value in pairs.items())
+    return f"<table>{lines}</table>"
+
+
 def _figure_table(row: Mapping[str, Any]) -> str:
     lines = []
     for key, (meaning, unit) in MEANINGS.items():
@@ -230,7 +235,7 @@ def _data(
     upright = np.array(((0.0, outward, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
     edges = shape.edges.detach().cpu().double().numpy()
     chosen = np.unique(np.linspace(0, len(points) - 1, min(len(points), DOTS)).astype(int))
-    tree = cKDTree(points)
+    tree = KDTree(points)
     panels = []
     for i, paper in enumerate(papers):
         folds = [np.stack(paper.folded(share)) for share in np.linspace(0, 1, _FOLDS)[:-1]] + [edges[i : i + 2]]

@@ -1,7 +1,8 @@
 """The paper cup: flat panels creased along their rulings, as designers fold them by hand.
 
-A panel is taken as a strip of flat facets between neighbouring rulings. Turning every facet about its ruling by the same share of
-the crease angles that the cup has leads from the flat pattern to the cup, and no length in any facet changes on the way.
+A panel is taken as a strip of flat facets between neighbouring rulings. Turning every facet about its ruling by the
+same share of the crease angles that the cup has leads from the flat pattern to the cup, and no length in any facet
+changes on the way.
 """
 
 from __future__ import annotations

@@ -1,0 +1,239 @@
+"""A fitted cup with all that can be made of it: patterns, surface, distances, files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import date
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+
+from brafit.cup.shape import CupShape
+from brafit.fit import CupFit, Target
+from brafit.fit.measure import point_distances
+from brafit.pattern import Pattern, PatternOptions, Piece, Side, deepest_point, finish, marks_on, pieces_from_panels
+from brafit.pattern.svg import write_svg
+from brafit.report.dimensions import Dimension, dimensions
+from brafit.report.mesh import (
+    PanelMesh,
+    panel_meshes,
+    write_cup_glb,
+    write_cup_obj,
+    write_cup_ply,
+    write_points_ply,
+)
+from brafit.report.paper import paper_gap, paper_panels
+from brafit.report.table import write_fit_json
+from brafit.scan import CupFrame
+
+FILES = (
+    "patterns.svg", "patterns.dxf", "patterns.pdf", "patterns_sheet.pdf", "cup.ply", "cup.obj", "cup.glb", "points.ply",
+    "report.html", "thumbnail.png",
+)  # fmt: skip
+"""Every file that a result may consist of, besides fit.json."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """One fitted cup.
+
+    Attributes:
+        fit: the fit: shape, flat panels and figures, in the cup frame.
+        target: what was fitted, in the cup frame, mm.
+        side: the wearer's side; right cups are mirrored in the cup frame.
+        frame: leads from the cup frame to the frame of the points that were given.
+        options: how patterns are finished and which files are written.
+        sources: for each input, what was given and what was taken in its place.
+        details: what the figures do not say: cup model, solver and the like, by their keys in summary.csv.
+    """
+
+    fit: CupFit
+    target: Target
+    side: Side
+    frame: CupFrame
+    options: PatternOptions = field(default_factory=PatternOptions)
+    sources: Mapping[str, str] = field(default_factory=dict)
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return self.target.name
+
+    @property
+    def shape(self) -> CupShape:
+        """Edges and rulings in the cup frame, mm."""
+        return self.fit.shape
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """The measured figures by their names in fit.json."""
+        return self.fit.figures
+
+    @cached_property
+    def apex(self) -> Float[ndarray, "3"]:
+        """The bust point in the cup frame: as given, or the cup's point farthest from the chest."""
+        return deepest_point(self.shape) if self.target.apex is None else self.target.apex
+
+    @cached_property
+    def pieces(self) -> list[Piece]:
+        """The sewing lines of the flat pieces, from the wire up."""
+        marks = marks_on(self.shape, self.apex, self.target.strap_point)
+        return pieces_from_panels(self.fit.panels, self.side, marks)
+
+    @cached_property
+    def _pattern(self) -> Pattern:
+        today = date.today().isoformat()
+        return finish(
+            self.pieces, self.options, name=self.name, side=self.side, date=today, figures=self.fit.figures
+        )
+
+    def patterns(self) -> Pattern:
+        """The flat pieces, finished: sewing and cut lines, notches, grain lines, labels, warnings; mm."""
+        return self._pattern
+
+    def surface(self, strips: int = 8) -> list[PanelMesh]:
+        """A triangle mesh of each panel in the given points' frame, with every vertex's place in the flat pattern.
+
+        Args:
+            strips: rows of triangles across each panel.
+        """
+        return panel_meshes(self.shape, self.pieces, strips, self.frame.to_scan)
+
+    def distance(self, points: Float[ndarray, "n 3"]) -> Float[ndarray, " n"]:
+        """Signed distance in mm of points, in the given points' frame, from the cup; positive outside."""
+        inside = torch.as_tensor(self.frame.to_cup(np.asarray(points, float)), dtype=torch.float64)
+        return point_distances(inside, self.shape).numpy()
+
+    def dimensions(self) -> list[Dimension]:
+        """Finished dimensions of pieces and cup."""
+        return dimensions(self.shape, self.patterns(), self.apex, self.target.strap_point)
+
+    def row(self) -> dict[str, Any]:
+        """This cup's row of summary.csv."""
+        return {
+            "scan": self.name,
+            "status": "ok",
+            "reason": self.fit.reason,
+            "side": self.side,
+            "panels": len(self.fit.panels),
+            "points": len(self.target.points),
+            **self.fit.figures,
+            "iterations": self.fit.iterations,
+            "seconds": self.fit.seconds,
+            **self.details,
+        }
+
+    def save(self, folder: str | Path, extra: Mapping[str, Any] | None = None) -> list[Path]:
+        """Write fit.json, the patterns, meshes and pages that the options ask for.
+
+        Args:
+            extra: further entries of fit.json.
+
+        Returns:
+            the files, in the order written. Files of an earlier result that are not asked for now are removed.
+        """
+        folder = Path(folder)
+        papers = paper_panels(self.shape, self.fit.panels)
+        written = self._write_patterns(folder) + self._write_meshes(folder)
+        if self.options.report:
+            written += self._write_pages(folder, papers, [file.name for file in written])
+        for name in FILES:
+            if folder / name not in written:
+                (folder / name).unlink(missing_ok=True)
+        pattern = self.patterns()
+        details = {
+            "code": self.fit.code.name,
+            "edges_mm": {piece.name: {line.name: line.length for line in piece.sew} for piece in pattern.pieces},
+            "frame": {"origin": self.frame.origin, "axes": self.frame.axes},
+            "parameters": self.fit.parameters,
+            "pattern": {
+                "warnings": list(pattern.warnings),
+                "seams_mm": pattern.seams,
+                "notches_mm": {piece.name: _notches(piece) for piece in pattern.pieces},
+                "paper_cup_mm": paper_gap(self.shape, papers),
+                "dimensions": [[d.part, d.name, d.value, d.unit] for d in self.dimensions()],
+            },
+            "sources": self.sources,
+        }
+        path = folder / "fit.json"
+        write_fit_json(path, self.row(), details | dict(extra or {}))
+        return [*written, path]
+
+    def _write_patterns(self, folder: Path) -> list[Path]:
+        model = ", ".join(str(self.details[key]) for key in ("cup",) if self.details.get(key))
+        count = f"{len(self.pieces)} panel{'s' * (len(self.pieces) > 1)}"
+        note = ", ".join(words for words in (f"{self.side} cup", model, count) if words)
+        return write_patterns(folder, [self.patterns()], self.name, note, self.options.formats)
+
+    def _write_meshes(self, folder: Path) -> list[Path]:
+        written, asked = [], self.options.meshes
+        if "ply" in asked:
+            write_cup_ply(folder / "cup.ply", self.shape, self.frame.to_scan)
+            points = self.frame.to_scan(self.target.points)
+            write_points_ply(folder / "points.ply", points, self.fit.distances)
+            written += [folder / "cup.ply", folder / "points.ply"]
+        for suffix, write in (("obj", write_cup_obj), ("glb", write_cup_glb)):
+            if suffix in asked:
+                write(folder / f"cup.{suffix}", self.surface())
+                written.append(folder / f"cup.{suffix}")
+        return written
+
+    def _write_pages(self, folder: Path, papers: list, files: Sequence[str]) -> list[Path]:
+        from brafit.report.figures import save_figure, thumbnail_figure
+        from brafit.report.page import write_report
+
+        write_report(
+            folder / "report.html",
+            row=self.row(),
+            side=self.side,
+            shape=self.shape,
+            papers=papers,
+            points=self.target.points,
+            distances=self.fit.distances,
+            pattern=self.patterns(),
+            dimensions=self.dimensions(),
+            sources=self.sources,
+            files=[*files, "fit.json"],
+        )
+        picture = thumbnail_figure(self.target.points, self.fit.distances, self.shape, self.side)
+        save_figure(picture, folder / "thumbnail.png", dpi=100)
+        return [folder / "report.html", folder / "thumbnail.png"]
+
+
+def write_patterns(
+    folder: Path, patterns: Sequence[Pattern], title: str, note: str, formats: Sequence[str]
+) -> list[Path]:
+    """Write those of patterns.svg, patterns.dxf, and as PDF patterns.pdf (tiled) and patterns_sheet.pdf that are asked for.
+
+    Returns:
+        the files.
+    """
+    written = []
+    if "svg" in formats:
+        write_svg(folder / "patterns.svg", patterns, title, note)
+        written.append(folder / "patterns.svg")
+    if "dxf" in formats:
+        from brafit.pattern.dxf import write_dxf
+
+        write_dxf(folder / "patterns.dxf", patterns, title)
+        written.append(folder / "patterns.dxf")
+    if "pdf" in formats:
+        from brafit.pattern.pdf import write_pdf_sheet, write_pdf_tiles
+
+        write_pdf_tiles(folder / "patterns.pdf", patterns, title, note)
+        write_pdf_sheet(folder / "patterns_sheet.pdf", patterns, title, note)
+        written += [folder / "patterns.pdf", folder / "patterns_sheet.pdf"]
+    return written
+
+
+def _notches(piece: Any) -> list[dict[str, Any]]:
+    return [
+        {"edge": n.edge, "mark": n.name or "notch", "from_inner_end": n.distance, "cuts": len(n.ticks)}
+        for n in piece.notches
+    ]
