@@ -15,7 +15,9 @@ def half_circle(count: int = 1) -> Wire:
 
 
 def lune_start(cup: FramesCup) -> FramesCup:
-    """All edges half circles, evenly turned up to the plane x = 0: every panel is a cylinder, all edges meet at both ends."""
+    """Edges are half circles, turned up to the plane x = 0: all panels are cylinders, edges meet at both
+    ends.
+    """
     share = torch.arange(1, cup.panels + 1, dtype=torch.float64) / cup.panels
     angles = (share * math.pi / 2).expand(cup.batch, -1)
     cup.start(angles.to(cup.reference), torch.ones_like(angles).to(cup.reference))

@@ -1,9 +1,10 @@
 """Developable panels known in closed form, together with the plane they come from.
 
 A developable surface is a ruled surface P(a, r) = base(a) + r ruling(a) that is isometric to a plane region
-Q(a, r) = flat_base(a) + r flat_ruling(a). An edge is a function r(s) on it. Everything that the package computes from edges in space is
-known here from the surface and from the plane: the rib angle is an angle in the plane, the geodesic curvature is the curvature of the
-plane curve, and the other two rates follow from the surface's one principal curvature k by Euler's formula:
+Q(a, r) = flat_base(a) + r flat_ruling(a). An edge is a function r(s) on it. Everything that the package computes from
+edges in space is known here from the surface and from the plane: the rib angle is an angle in the plane, the geodesic
+curvature is the curvature of the plane curve, and the other two rates follow from the surface's one principal
+curvature k by Euler's formula:
 
     omega_xi = -k cos(alpha)^2,   omega_eta = plane curvature,   omega_zeta = k cos(alpha) sin(alpha).
 
@@ -64,7 +65,7 @@ def cylinder(radius: float) -> Surface:
 
 
 def cone(half_angle: float) -> Surface:
-    """Apex in the origin, axis z; laid flat it is a sector, a being the polar angle there and r the distance from the apex."""
+    """Apex in the origin, axis z; laid flat a sector, a the polar angle there and r the distance from the apex."""
     sine, cosine = math.sin(half_angle), math.cos(half_angle)
 
     def ruling(a: Tensor) -> Tensor:
@@ -83,7 +84,7 @@ def cone(half_angle: float) -> Surface:
 
 
 def helix_tangents(bend: float, torsion: float) -> Surface:
-    """Tangent developable of the helix of this curvature and torsion, by the helix's arc length a; r > 0 is the forward half.
+    """Tangent developable of the helix of this curvature and torsion, by its arc length a; r > 0 is the forward half.
 
     Laid flat, the helix (the edge of regression) is the circle of the same curvature and the rulings are its tangents.
     """

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -46,7 +47,7 @@ def test_nearest_on_a_polyline_equals_dense_sampling():
     ours = (points - polyline_points(curve, *nearest_on_polyline(points, curve))).norm(dim=-1)
     t = torch.linspace(0, 1, 2001, dtype=torch.float64)[:, None]
     for b in range(2):
-        dense = torch.cat([torch.lerp(p, q, t) for p, q in zip(curve[b], curve[b, 1:])])
+        dense = torch.cat([torch.lerp(p, q, t) for p, q in itertools.pairwise(curve[b])])
         nearest = torch.cdist(points[b], dense).amin(1)
         assert (ours[b] <= nearest + 1e-12).all()
         np.testing.assert_allclose(ours[b], nearest, atol=1e-5)
@@ -75,7 +76,7 @@ def test_gaps_to_points_have_the_distances_from_the_edge_between_its_stations():
         for b in range(2):
             curve = CubicHermiteSpline(shape.stations, shape.edges[b, edge], shape.tangents[b, edge])
             dense = np.linspace(0, math.pi, 2001)
-            for p, distance in zip(points[b].numpy(), own[b].tolist()):
+            for p, distance in zip(points[b].numpy(), own[b].tolist(), strict=True):
                 start = dense[np.linalg.norm(curve(dense) - p, axis=1).argmin()]
                 low, high = max(start - 0.01, 0.0), min(start + 0.01, math.pi)
                 ending = minimize_scalar(

@@ -112,7 +112,7 @@ def test_points_term_is_the_mean_square_distance():
 
 
 def test_missing_landmarks_cost_nothing_and_are_safe():
-    """Without neckline, strap point and apex the other terms stay what they are, also in a batch with a scan that has them."""
+    """Without neckline, strap point and apex the other terms stay what they are, also beside a scan that has them."""
     bare, full = target(1, full=False), target(1)
     both = objective([bare, full])
     flat = near(lune_frames(1)).expand(2, -1)

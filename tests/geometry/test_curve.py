@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -83,7 +84,7 @@ def test_fourth_order_convergence_to_the_frame_equations():
 
     errors = [error(n) for n in (21, 41, 81)]
     assert errors[2] < 1e-6
-    for coarse, fine in zip(errors, errors[1:]):
+    for coarse, fine in itertools.pairwise(errors):
         assert 13 < coarse / fine < 20
 
 
@@ -130,7 +131,7 @@ def test_each_curve_of_a_batch_is_as_if_alone(dtype):
 
 
 def test_float32_is_close_to_float64():
-    for single, double in zip(drawn(101, torch.float32)[1:], drawn(101)[1:]):
+    for single, double in zip(drawn(101, torch.float32)[1:], drawn(101)[1:], strict=True):
         torch.testing.assert_close(single.double(), double, rtol=0, atol=5e-6)
 
 

@@ -45,7 +45,7 @@ def test_lengths_and_angles_are_kept(exact):
 
 
 def test_a_cone_becomes_a_sector():
-    """Between the circles at distances 2 and 1.2 from the apex: concentric arcs of those radii and of one plane angle."""
+    """Between the circles at distances 2 and 1.2 from the apex: concentric arcs of those radii, one plane angle."""
     half_angle, turn = 0.5, 4.0
     s = torch.linspace(0, turn * math.sin(half_angle), 101, dtype=torch.float64)
     flat = laid_flat(panel(cone(half_angle), s, lambda s: s, lambda s: 2 + 0 * s, lambda s: 1.2 + 0 * s))

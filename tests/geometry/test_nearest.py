@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -40,15 +41,15 @@ def distances(points: torch.Tensor, shape: CupShape) -> torch.Tensor:
 
 
 def brute_force(p: np.ndarray, shape: CupShape, longer: float = 1.0) -> tuple[float, int, float]:
-    """Smallest distance, its panel and u, by dense sampling and SciPy's bounded minimiser from the five best samples of each panel.
+    """Smallest distance, its panel and u: dense samples, then SciPy's bounded minimiser from the best of each panel.
 
     `longer`: rulings go on to this multiple of their length.
     """
     s = shape.stations.numpy()
-    curves = [CubicHermiteSpline(s, x.numpy(), v.numpy()) for x, v in zip(shape.edges, shape.tangents)]
+    curves = [CubicHermiteSpline(s, x.numpy(), v.numpy()) for x, v in zip(shape.edges, shape.tangents, strict=True)]
     dense, u = np.linspace(s[0], s[-1], 301), np.linspace(0, longer, 31)
     best = (math.inf, -1, -1.0)
-    for panel, (low, high) in enumerate(zip(curves, curves[1:])):
+    for panel, (low, high) in enumerate(itertools.pairwise(curves)):
 
         def squared(z: np.ndarray, low=low, high=high) -> float:
             return float(((p - (1 - z[1]) * low(z[0]) - z[1] * high(z[0])) ** 2).sum())
@@ -123,8 +124,8 @@ def test_a_point_on_the_surface_has_distance_zero_and_a_gradient():
     assert gradient.abs().max() > 0.1
 
 
-def moved_paper_rule(p: np.ndarray, shape: CupShape) -> int:
-    """The paper's classing: project onto the lower panel with its rulings prolonged; t* < t_max puts the point in D_L."""
+def paper_rule(p: np.ndarray, shape: CupShape) -> int:
+    """The paper's classing: project onto the lower panel, rulings prolonged; t* < t_max puts the point in D_L."""
     lower = CupShape(
         shape.stations, shape.edges[:2], shape.tangents[:2], shape.directions[:1], shape.normals[:1], shape.geodesic[:1]
     )
@@ -132,7 +133,7 @@ def moved_paper_rule(p: np.ndarray, shape: CupShape) -> int:
 
 
 def test_the_papers_classing_is_the_nearest_panel():
-    """For points that project into a panel: the paper's t* against t_max, the nearest panel, and the panel they were put on agree."""
+    """For points that project into a panel, t* against t_max, the nearest panel and the true panel agree."""
     shape = lune_cup(2, 61, 1.0)
     generator = np.random.default_rng(1)
     panel = generator.integers(2, size=40)
@@ -142,7 +143,7 @@ def test_the_papers_classing_is_the_nearest_panel():
     feet = feet_of(points, shape)
     assert feet.panel.tolist() == panel.tolist()
     assert ((feet.u > 0) & (feet.u < 1)).all()
-    assert [moved_paper_rule(p, shape) for p in points.numpy()] == panel.tolist()
+    assert [paper_rule(p, shape) for p in points.numpy()] == panel.tolist()
 
 
 def test_envelope_gradients_against_central_differences():
@@ -161,7 +162,7 @@ def test_envelope_gradients_against_central_differences():
 
     h = 1e-6
     difference = (value(h, along) - value(-h, along)) / (2 * h)
-    analytic = sum((g * a).sum().item() for g, a in zip(gradients, along))
+    analytic = sum((g * a).sum().item() for g, a in zip(gradients, along, strict=True))
     assert analytic == pytest.approx(difference, rel=1e-6)
 
 
