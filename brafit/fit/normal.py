@@ -1,7 +1,7 @@
 """Value, gradient and Gauss-Newton matrix of an objective in one pass, from one search for nearest points.
 
-Rows of the Jacobian come from the cup's linearisation: the envelope theorem holds the feet fixed, so each row is a sum of a few rows of
-the samples' derivatives. Automatic differentiation never runs through a search.
+Rows of the Jacobian come from the cup's linearisation: the envelope theorem holds the feet fixed, so each row is a
+sum of a few rows of the samples' derivatives. Automatic differentiation never runs through a search.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from torch import Tensor
 
 from brafit.cup.base import Linearised
 from brafit.fit.objective import Block, Objective, Pressure
-from brafit.geometry.developable import dot
-from brafit.geometry.nearest import Feet, distance_jacobian, foot_directions, surface_points
+from brafit.geometry.nearest import Feet, distance_jacobian, project
 
 ROWS = 1 << 22
 """Numbers of the points' Jacobian held at a time, over the whole batch."""
+_ITERATIONS = 3
+"""Newton steps of the feet beside the nearest sampled ruling: the next step of the solver finds them anew."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,12 @@ def normal_equations(
     pressure: Pressure,
     terms: int | None = None,
 ) -> Normal:
-    """The objective at a place, by the parameters that are free with this many terms: `Cup.columns` (all by default)."""
+    """The objective at a place, by the parameters that are free with this many terms: `Cup.columns` (all by
+    default).
+    """
     linear = objective.cup.linearise(flat, terms)
     shape = linear.shape
-    feet = objective.feet(shape)
-    points, gradient, matrix = _points(objective, linear, feet)
+    points, gradient, matrix = _points(objective, linear)
     blocks = objective.blocks(flat, shape, pressure)
     for block in blocks:
         jacobian = _jacobian(block, linear, objective)
@@ -70,13 +72,13 @@ def normal_equations(
     return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), values)
 
 
-def _points(objective: Objective, linear: Linearised, feet: Feet) -> tuple[Block, Tensor, Tensor]:
+def _points(objective: Objective, linear: Linearised) -> tuple[Block, Tensor, Tensor]:
     """The points' block with its gradient and matrix, some points at a time."""
     shape, points = linear.shape, objective.targets.points
-    edges, tangents, stations = shape.edges, shape.tangents, shape.stations
+    stations, edges = shape.stations, shape.edges
     batch, count = points.shape[:2]
-    directions = foot_directions(points, edges, tangents, stations, feet)
-    distances = dot(points - surface_points(edges, tangents, stations, feet), directions)
+    projection = project(points, edges, shape.tangents, stations, _ITERATIONS)
+    feet, directions, distances = projection.feet, projection.directions, projection.distances
     block = objective.points_block(distances)
     slope = slopes(block)
     size = len(linear.columns)
@@ -111,7 +113,8 @@ def slopes(block: Block) -> Float[Tensor, "batch m"]:
     return slope if block.gaps is None else slope.repeat_interleave(3, dim=-1)
 
 
-def gram(jacobian: Float[Tensor, "batch m size"], weights: Float[Tensor, "batch m"]) -> Float[Tensor, "batch size size"]:
+def gram(jacobian: Float[Tensor, "batch m size"], weights: Float[Tensor, "batch m"]) -> Float[Tensor, "batch size
+size"]:
     """J^T W J, one problem at a time, so that rounding does not depend on the batch."""
     return torch.stack([j.mT @ (j * w[:, None]) for j, w in zip(jacobian, weights)])
 

@@ -1,11 +1,11 @@
 """Nearest point on a chain of ruled panels, (26)-(31).
 
-Panel i is X(s, u) = (1 - u) a(s) + u b(s) with u = t / t_max in [0, 1], a and b its edges, which run between stations as cubic
-Hermite curves. The nearest ruling of each panel is found among the stations, then (s, u) is refined to the foot point by a
-safeguarded Newton iteration in s, u being eliminated in closed form (30).
+Panel i is X(s, u) = (1 - u) a(s) + u b(s) with u = t / t_max in [0, 1], a and b its edges, which run between stations
+as cubic Hermite curves. The nearest ruling of each panel is found among the stations, then (s, u) is refined to the
+foot point by a safeguarded Newton iteration in s, u being eliminated in closed form (30).
 
-At a foot the derivative of the distance through (s*, u*) vanishes (envelope theorem), so the search runs without gradients and the
-distance is differentiated through the surface point at fixed (s*, u*) only.
+At a foot the derivative of the distance through (s*, u*) vanishes (envelope theorem), so the search runs without
+gradients and the distance is differentiated through the surface point at fixed (s*, u*) only.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from brafit.geometry.developable import dot, unit
 
 Points = Float[Tensor, "*batch points 3"]
 Edges = Float[Tensor, "*batch edges n 3"]
-CHUNK = 1 << 18
-"""Distances held at a time in the search, over the whole batch: bounds the memory for any number of points."""
+CHUNK = 1 << 17
+"""Distances held at a time in the search, over the whole batch: bounds the memory for any number of points, and fits
+caches.
+"""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,8 @@ def sample_table(edges: Edges, tangents: Edges) -> Float[Tensor, "*batch rows 3"
     return torch.cat((edges.flatten(-3, -2), tangents.flatten(-3, -2)), dim=-2)
 
 
-def gather_rows(table: Float[Tensor, "*batch rows k"], index: Int[Tensor, "*batch p m"]) -> Float[Tensor, "*batch p m k"]:
+def gather_rows(table: Float[Tensor, "*batch rows k"], index: Int[Tensor, "*batch p m"]) -> Float[Tensor, "*batch p m
+k"]:
     """Rows of each batch item's table, for two trailing dimensions of indices."""
     flat = index.flatten(-2)[..., None].expand(*index.shape[:-2], -1, table.shape[-1])
     return table.gather(-2, flat).unflatten(-2, index.shape[-2:])
@@ -106,8 +109,12 @@ def surface_normals(edges: Edges, tangents: Edges, stations: Float[Tensor, " n"]
 
 
 @torch.no_grad()
-def nearest_stations(points: Points, edges: Edges) -> Int[Tensor, "*batch panels points"]:
-    """Index of the nearest sampled ruling of every panel, by the closed-form distance to the segments."""
+def sampled_distances(
+    points: Points, edges: Edges
+) -> tuple[Int[Tensor, "*batch panels points"], Float[Tensor, "*batch panels points"]]:
+    """Nearest sampled ruling of every panel, by the closed-form distance to the segments, and the squared distances
+    to them.
+    """
     batch, (panels, n) = points.shape[:-2], (edges.shape[-3] - 1, edges.shape[-2])
     p = points.reshape(-1, points.shape[-2], 3)
     lower = edges[..., :-1, :, :].reshape(len(p), -1, 3)
@@ -117,15 +124,23 @@ def nearest_stations(points: Points, edges: Edges) -> Int[Tensor, "*batch panels
     offset = dot(lower, d)
     square = dot(lower, lower)
     nearest = torch.empty(len(p), panels, p.shape[1], dtype=torch.long, device=p.device)
+    least = torch.empty(len(p), panels, p.shape[1], dtype=p.dtype, device=p.device)
     chunk = max(1, CHUNK // max(1, len(p) * panels * n))
     for start in range(0, p.shape[1], chunk):
         q = p[:, start : start + chunk]
         t = torch.baddbmm(-offset[:, None, :], q, d.mT)
         clamped = torch.minimum(t.clamp_min(0), length[:, None, :])
         # |q - x - t d|^2 without |q|^2, which does not depend on the ruling
-        squared = torch.baddbmm(square[:, None, :], q, lower.mT, alpha=-2).addcmul_(clamped, clamped - 2 * t)
-        nearest[..., start : start + chunk] = squared.unflatten(-1, (panels, n)).argmin(-1).mT
-    return nearest.reshape(*batch, panels, -1)
+        squared = torch.baddbmm(square[:, None, :], q, lower.mT, alpha=-2).addcmul_(clamped, clamped.sub(t, alpha=2))
+        found, index = squared.unflatten(-1, (panels, n)).min(-1)
+        nearest[..., start : start + chunk] = index.mT
+        least[..., start : start + chunk] = (found + dot(q, q)[..., None]).mT
+    return nearest.reshape(*batch, panels, -1), least.reshape(*batch, panels, -1)
+
+
+def nearest_stations(points: Points, edges: Edges) -> Int[Tensor, "*batch panels points"]:
+    """Index of the nearest sampled ruling of every panel."""
+    return sampled_distances(points, edges)[0]
 
 
 def _cubics(edges: Edges, tangents: Edges, stations: Tensor) -> Float[Tensor, "*batch rows 24"]:
@@ -138,83 +153,156 @@ def _cubics(edges: Edges, tangents: Edges, stations: Tensor) -> Float[Tensor, "*
     return torch.cat((series[..., :-1, :, :], series[..., 1:, :, :]), dim=-1).flatten(-3, -2)
 
 
-@torch.no_grad()
-def refine(
-    points: Points,
-    edges: Edges,
-    tangents: Edges,
-    stations: Float[Tensor, " n"],
-    start: Int[Tensor, "*batch panels points"],
-    iterations: int = 6,
-) -> tuple[Feet, Float[Tensor, "*batch panels points"]]:
-    """Foot points in every panel beside the sampled rulings `start`, and the squared distances to them.
+@dataclass(frozen=True)
+class Projection:
+    """Points projected on a cup: their feet, the unit vectors m and the signed distances m . (p - X*), positive
+    outside.
 
-    The number of iterations is fixed, so that a point's foot does not depend on what else is in the batch.
+    Where the foot lies inside a panel, m is the surface normal; at the rim it is the difference vector's own direction.
     """
-    panels, intervals = edges.shape[-3] - 1, edges.shape[-2] - 1
-    panel = torch.arange(panels, device=points.device)[:, None].expand_as(start)
-    table = _cubics(edges, tangents, stations)
-    p = points.movedim(-1, 0)[..., None, :].contiguous()
 
-    def series_of(interval: Tensor) -> Tensor:
-        """(4 powers, 2 edges, 3 components, *batch, panels, points): components first keeps every step a contiguous pass."""
-        rows = gather_rows(table, panel * intervals + interval)
-        return rows.unflatten(-1, (2, 4, 3)).movedim((-2, -3, -1), (0, 1, 2)).contiguous()
+    feet: Feet
+    directions: Points
+    distances: Float[Tensor, "*batch points"]
 
-    def evaluate(c: Tensor, tau: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """u*, first and second derivative by tau of half the squared distance, and the squared distance."""
-        value = torch.addcmul(c[0], torch.addcmul(c[1], torch.addcmul(c[2], c[3], tau), tau), tau)
-        slope = torch.addcmul(c[1], torch.addcmul(2 * c[2], 3 * c[3], tau), tau)
-        bend = torch.addcmul(2 * c[2], 6 * c[3], tau)
-        a, g, g1 = value[0], value[1] - value[0], slope[1] - slope[0]
-        gg = (g * g).sum(0).clamp_min(1e-30)
-        offset = p - a
-        free = (offset * g).sum(0) / gg
-        u = free.clamp(0, 1)
-        delta = torch.addcmul(offset, u, g, value=-1)
-        along = torch.addcmul(slope[0], u, g1)
-        first = -(delta * along).sum(0)
-        second = (along * along).sum(0) - (delta * torch.addcmul(bend[0], u, bend[1] - bend[0])).sum(0)
-        mixed = (along * g).sum(0) - (delta * g1).sum(0)
-        second = torch.where(free == u, second - mixed * mixed / gg, second)
-        return u, first, second, (delta * delta).sum(0)
 
+@torch.no_grad()
+def project(
+    points: Points, edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], iterations: int = 6
+) -> Projection:
+    """The nearest point of the whole cup for every point.
+
+    Beside the nearest sampled ruling of the panel that is nearest by its samples, the foot is refined by Newton's
+    method with bisection as a safeguard; so it is in those other panels that could still be nearer. The number of
+    iterations is fixed, so that a point's foot does not depend on what else is in the batch.
+    """
+    batch, count = points.shape[:-2], points.shape[-2]
+    panels, n = edges.shape[-3] - 1, edges.shape[-2]
+    p, x, v = points.reshape(-1, 3), edges.reshape(-1, panels + 1, n, 3), tangents.reshape(-1, panels + 1, n, 3)
+    start, least = (w.reshape(-1, panels, count) for w in sampled_distances(points, edges))
+    best = least.argmin(1)
+    # A foot lies at most half the way to the next sampled ruling aside.
+    step = (x[:, :, 1:] - x[:, :, :-1]).square().sum(-1)
+    step = torch.maximum(torch.nn.functional.pad(step, (1, 0)), torch.nn.functional.pad(step, (0, 1)))
+    slack = 0.5 * torch.maximum(step[:, :-1], step[:, 1:]).gather(-1, start)
+    bound = (least - slack).movedim(1, -1).reshape(-1, panels)
+    start = start.movedim(1, -1).reshape(-1, panels)
+    best = best.reshape(-1)
+    tables = _cubics(x, v, stations).reshape(-1, 24), _station_table(x, v).reshape(-1, 12), n
+
+    def refine(index: Tensor, panel: Tensor, chosen: Tensor) -> Tensor:
+        """(10, chosen): interval, tau, u, squared distance, difference vector and surface normal."""
+        problem = torch.div(index, max(1, count), rounding_mode="floor")
+        parts = []
+        size = max(1, CHUNK // 16)
+        for first in range(0, len(index), size):
+            part = slice(first, first + size)
+            parts.append(_refine(p[index[part]].mT, problem[part] * panels + panel[part], chosen[part], tables,
+            iterations))
+        return torch.cat(parts, dim=1) if parts else p.new_zeros(10, 0)
+
+    everything = torch.arange(len(p), device=p.device)
+    found = refine(everything, best, start.gather(1, best[:, None])[:, 0])
+    panel = best.clone()
+    for other in range(panels if panels > 1 else 0):
+        index = ((best != other) & (bound[:, other] < found[3])).nonzero()[:, 0]
+        again = refine(index, torch.full_like(index, other), start[index, other])
+        # On a ridge both panels are as near: the lower one takes the point, whatever the rounding.
+        tie = 1e-9 * found[3, index]
+        better = torch.where(other < panel[index], again[3] <= found[3, index] + tie, again[3] < found[3, index] - tie)
+        index = index[better]
+        found[:, index] = again[:, better]
+        panel[index] = other
+    interval, tau, u, squared = found[:4]
+    delta, normal = found[4:7], found[7:10]
+    size = squared.sqrt()
+    along = (delta * normal).sum(0)
+    on_surface = (along.abs() >= size * (1 - 1e-6)) | (size < 1e-12)
+    sign = torch.where(along < 0, -1.0, 1.0).to(p.dtype)
+    away = delta * (sign / size.clamp_min(1e-30))
+    directions = torch.where(on_surface, normal, away).mT.reshape(*batch, count, 3)
+    distances = torch.where(on_surface, along, sign * size).reshape(*batch, count)
+    feet = (panel, interval.long(), tau, u)
+    return Projection(Feet(*(w.reshape(*batch, count) for w in feet)), directions, distances)
+
+
+def _station_table(edges: Edges, tangents: Edges) -> Float[Tensor, "*batch panels n 12"]:
+    """Positions and tangents of both edges at the ends of every ruling."""
+    lower, upper = slice(None, -1), slice(1, None)
+    parts = (edges[..., lower, :, :], edges[..., upper, :, :], tangents[..., lower, :, :], tangents[..., upper, :, :])
+    return torch.cat(parts, dim=-1)
+
+
+def _ruling_foot(
+    offset: Tensor, g: Tensor, slope: Tensor, slope_change: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """u*, p - X, X_s, and the products g.g and the unclamped u, for components-first vectors."""
+    gg = (g * g).sum(0).clamp_min(1e-30)
+    free = (offset * g).sum(0) / gg
+    u = free.clamp(0, 1)
+    delta = torch.addcmul(offset, u, g, value=-1)
+    return u, delta, torch.addcmul(slope, u, slope_change), gg, free
+
+
+def _refine(
+    p: Float[Tensor, "3 m"],
+    panel: Int[Tensor, " m"],
+    start: Int[Tensor, " m"],
+    tables: tuple[Tensor, Tensor, int],
+    iterations: int,
+) -> Float[Tensor, "10 m"]:
+    """Foot points in given panels beside given stations; components come first, which makes every step a contiguous
+    pass.
+    """
+    cubics, samples, n = tables
+    x0, x1, v0, v1 = samples.index_select(0, panel * n + start).mT.contiguous().view(4, 3, -1)
     # The nearest station is an end of two intervals; the derivative there tells which one holds the minimum.
-    at_end = start == intervals
-    interval = torch.where(at_end, start - 1, start)
-    tau = at_end.to(points.dtype)
-    slope = evaluate(series_of(interval), tau)[1]
-    back = (slope > 0) & (start > 0) & ~at_end
-    interval = torch.where(back, interval - 1, interval)
-    series = series_of(interval)
-    tau = torch.where(back, torch.ones_like(tau), tau)
+    _, delta, along, _, _ = _ruling_foot(p - x0, x1 - x0, v0, v1 - v0)
+    rises = (delta * along).sum(0) < 0
+    back = ((start > 0) & rises) | (start == n - 1)
+    interval = start - back.long()
+    c = cubics.index_select(0, panel * (n - 1) + interval).mT.contiguous().view(2, 4, 3, -1)
+    base, change = c[0], c[1] - c[0]  # the ruling's lower end, and the vector along it
+    tau = back.to(p.dtype)
     low, high = torch.zeros_like(tau), torch.ones_like(tau)
     for _ in range(iterations):
-        _, first, second, _ = evaluate(series, tau)
+        a, g, a1, g1, a2, g2 = (f(w, tau) for f in (_cubic, _cubic_slope, _cubic_bend) for w in (base, change))
+        u, delta, along, gg, free = _ruling_foot(p - a, g, a1, g1)
+        first = -(delta * along).sum(0)
+        second = (along * along).sum(0) - (delta * torch.addcmul(a2, u, g2)).sum(0)
+        mixed = (along * g).sum(0) - (delta * g1).sum(0)
+        second = torch.where(free == u, second - mixed * mixed / gg, second)
         high = torch.where(first > 0, tau, high)
         low = torch.where(first < 0, tau, low)
         newton = tau - first / second
         usable = (second > 0) & (newton >= low) & (newton <= high)
         middle = torch.where(first == 0, tau, 0.5 * (low + high))
         tau = torch.where(usable, newton, middle)
-    u, _, _, squared = evaluate(series, tau)
-    return Feet(panel, interval, tau, u), squared
+    a, g, a1, g1 = (f(w, tau) for f in (_cubic, _cubic_slope) for w in (base, change))
+    u, delta, along, _, _ = _ruling_foot(p - a, g, a1, g1)
+    normal = torch.linalg.cross(along, g, dim=0)
+    normal = normal / normal.square().sum(0).clamp_min(1e-60).sqrt()
+    scalars = torch.stack((interval.to(p.dtype), tau, u, (delta * delta).sum(0)))
+    return torch.cat((scalars, delta, normal))
 
 
-@torch.no_grad()
+def _cubic(c: Tensor, tau: Tensor) -> Tensor:
+    return torch.addcmul(c[0], torch.addcmul(c[1], torch.addcmul(c[2], c[3], tau), tau), tau)
+
+
+def _cubic_slope(c: Tensor, tau: Tensor) -> Tensor:
+    return torch.addcmul(c[1], torch.add(2 * c[2], c[3] * tau, alpha=3), tau)
+
+
+def _cubic_bend(c: Tensor, tau: Tensor) -> Tensor:
+    return torch.add(2 * c[2], c[3] * tau, alpha=6)
+
+
 def nearest_feet(
     points: Points, edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], iterations: int = 6
 ) -> Feet:
     """The nearest point of the whole cup for every point, exact to round-off."""
-    panels = edges.shape[-3] - 1
-    batch = edges.shape[:-3].numel()
-    chunk = max(1, CHUNK // max(1, batch * panels))
-    parts = []
-    for q in points.split(chunk, dim=-2):
-        feet, squared = refine(q, edges, tangents, stations, nearest_stations(q, edges), iterations)
-        best = squared.argmin(-2, keepdim=True)
-        parts.append([x.gather(-2, best).squeeze(-2) for x in (feet.panel, feet.interval, feet.tau, feet.u)])
-    return Feet(*(torch.cat(field, dim=-1) for field in zip(*parts)))
+    return project(points, edges, tangents, stations, iterations).feet
 
 
 @torch.no_grad()
@@ -223,7 +311,8 @@ def foot_directions(
 ) -> Points:
     """Unit vectors m such that m . (p - X*) is the signed distance, positive outside the cup.
 
-    Where the foot lies inside a panel that is the surface normal; at the rim it is the difference vector's own direction.
+    Where the foot lies inside a panel that is the surface normal; at the rim it is the difference vector's own
+    direction.
     """
     delta = points - surface_points(edges, tangents, stations, feet)
     normal = surface_normals(edges, tangents, stations, feet)
