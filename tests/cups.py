@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from brafit.cup import FramesCup, Wire
+from brafit.cup import Cup, FramesCup, Wire
 
 
 def half_circle(count: int = 1) -> Wire:
@@ -28,7 +28,7 @@ def lune_frames(batch: int = 1, panels: int = 2, terms: int = 4, stations: int =
     return lune_start(FramesCup(half_circle(batch), panels, terms, stations))
 
 
-def near(cup: FramesCup, amount: float = 0.05, seed: int = 0) -> Tensor:
+def near(cup: Cup, amount: float = 0.05, seed: int = 0) -> Tensor:
     """Parameters beside the cup's own, the same for every seed."""
     noise = torch.randn(cup.batch, cup.size, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
     flat = cup.flatten().detach()

@@ -55,8 +55,8 @@ def test_a_known_cup_is_recovered():
     assert distances.mean() < 1e-4
     exact = lune_frames(stations=21)()
     torch.testing.assert_close(shape.edges, exact.edges, rtol=0, atol=1e-3)
-    assert own.cup.twist(shape).abs().max() < 1e-3
-    assert own.cup.ends(shape).abs().max() < 1e-12
+    assert own.cup.constraints(shape)["twist"].abs().max() < 1e-3
+    assert own.cup.constraints(shape)["ends"].abs().max() < 1e-12
     assert solution.codes == [ResultCode.CONVERGED]
 
 
@@ -84,7 +84,7 @@ def test_step_limit_is_said_and_ends_meet_all_the_same():
     solution = solve(own, [Stage("adam", 10, 1.0), Stage("lbfgs", 30, 10.0)])
     assert solution.codes == [ResultCode.STEP_LIMIT]
     assert solution.iterations.tolist() == [10 + 31]
-    assert own.cup.ends(own.cup.shape_of(solution.flat)).abs().max() < 1e-9
+    assert own.cup.constraints(own.cup.shape_of(solution.flat))["ends"].abs().max() < 1e-9
 
 
 def test_callback_sees_every_step_and_term():
