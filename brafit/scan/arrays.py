@@ -45,7 +45,8 @@ def _archive(path: Path) -> dict[str, np.ndarray]:
         names = list(archive.files)
         key = next((name for name in POINT_KEYS if name in names), names[0] if len(names) == 1 else None)
         if key is None:
-            raise ValueError(f"it has no array named {' or '.join(POINT_KEYS)}, only: {', '.join(names)[:80] or 'nothing'}")
+            listed = ", ".join(names)[:80] or "nothing"
+            raise ValueError(f"it has no array named {' or '.join(POINT_KEYS)}, only: {listed}")
         columns = {"positions": _positions(archive[key])}
         for name, width in (("normals", 3), ("inside", 1)):
             if name in names and name != key:

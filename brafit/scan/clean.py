@@ -72,7 +72,9 @@ class Cleaned:
 
 @dataclass(frozen=True)
 class Tidy:
-    """A cloud without doubles and outliers: the points, their flags, what was taken, and the surface where it is known."""
+    """A cloud without doubles and outliers: the points, their flags, what was taken, and the surface where it is
+    known.
+    """
 
     points: Float[np.ndarray, "n 3"]
     inside: Bool[np.ndarray, " n"]

@@ -18,9 +18,7 @@ CONFIDENCE = 0.35
 """Least absolute value of the sine that decides on which side a point of the collar lies."""
 
 
-def crop(
-    surface: Surface, curve: Float[np.ndarray, "k 3"]
-) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+def crop(surface: Surface, curve: Float[np.ndarray, "k 3"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Which points lie within a closed curve on the surface, and which could not be reached along it.
 
     Near the curve the surface is one or two sheets that start there. Round the curve's tangent tau, free space lies

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from brafit.errors import InputError
-from brafit.scan.checks import check_scan
-from brafit.scan.clean import Cleaning, clean
+from brafit.errors import ConfigError, InputError
+from brafit.scan.body import propose
+from brafit.scan.checks import check_scan, is_one_breast, polyline_length
+from brafit.scan.clean import Cleaning, Tidy, check_settings, finish, tidy
+from brafit.scan.crease import detect_wire
+from brafit.scan.crop import mean_normal, neckline_over
 from brafit.scan.frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end
 from brafit.scan.landmarks import Landmarks, landmarks_path, read_landmarks
-from brafit.scan.read import MIN_POINTS, Cloud, read_cloud
+from brafit.scan.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud, read_cloud
+from brafit.scan.surface import surface_of
+from brafit.scan.symmetry import mirror_of
+from brafit.scan.units import MILLIMETRES, NAMES, Units, body_unit, cloud_unit, wire_unit
+from brafit.scan.wires import place_wire, wire_size
+
+REGION = 1.1
+"""What lies farther than this many wire lengths from the middle of the wire is not looked at."""
+MIRROR_RMS = 3.0
+"""Largest rms (mm) between a body and its mirror image at which marks are carried over to its other side."""
+SYMMETRIC_POINTS = 60_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +41,12 @@ class Scan:
         wire: the wire line, inner end first (at the origin).
         neckline: the upper line, inner end first, or None.
         strap_point, apex: marked points, or None.
-        frame: leads back to the scan's own frame.
+        frame: leads back to the scan's own frame, still in mm.
         cleaning: what each step of the cleaning took.
+        dense: the breast's points before thinning: where there are data.
+        units: of the files.
+        origin: where wire, neckline and landmarks come from.
+        notes: what the user should know of it, a line each.
     """
 
     name: str
@@ -42,6 +59,27 @@ class Scan:
     apex: Float[np.ndarray, "3"] | None
     frame: CupFrame
     cleaning: Cleaning
+    dense: Float[np.ndarray, "d 3"]
+    units: Units
+    origin: Origin
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a scan's lines and marks come from.
+
+    Attributes:
+        marks: `given`, `mirrored` (from the other side) or `proposed`.
+        wire: `given`, `detected` (the crease) or `size NAME`.
+        wire_guessed: share of the wire's length that no crease in the scan shows; None for a given wire.
+        neckline: `given`, `built` (from ends and strap point) or `none`.
+    """
+
+    marks: str
+    wire: str
+    wire_guessed: float | None
+    neckline: str
 
 
 def load_scan(
@@ -51,13 +89,27 @@ def load_scan(
     outliers: float | None = 3.0,
     neighbours: int = 16,
     name: str | None = None,
+    side: str | None = None,
+    units: str | None = None,
+    wire: str | None = None,
+    propose_marks: bool = False,
+    read_seconds: float = READ_SECONDS,
+    mesh_points: int = MESH_POINTS,
 ) -> Scan:
     """Load a cloud and the landmark file beside it.
 
     Args:
         path: the cloud; its landmark file has the same stem and the extension `.json`.
-        points, outliers, neighbours: see `brafit.scan.clean.clean` (there `points` is `count`).
+        points, outliers, neighbours: see `brafit.scan.clean` (there `points` is `count`).
         name: name of the scan; the file's stem if None.
+        side: the breast to take, `left` or `right`; None: the one that the landmark file marks (first). One that it
+            does not mark gets the other's marks, mirrored at the body's plane of symmetry.
+        units: unit of cloud and landmark file, one of `brafit.scan.units.MILLIMETRES`; None: what the landmark file
+            says, else found.
+        wire: None: as the landmark file has it, detected where it has none; `detect`: always detected; a size of
+            `brafit.scan.wires`: a wire of that size, placed best.
+        propose_marks: propose landmarks where there is no landmark file.
+        read_seconds, mesh_points: see `read_cloud`.
 
     Raises:
         InputError: one line naming file, cause and remedy.
@@ -65,39 +117,156 @@ def load_scan(
         Open3DError: Open3D cannot be imported.
     """
     path = Path(path)
-    cloud = read_cloud(path)
-    marks = read_landmarks(_existing_landmarks(path))
+    check_settings(points, outliers, neighbours)
+    _check_choice("side", side, ("left", "right"))
+    _check_choice("units", units, tuple(MILLIMETRES))
+    if wire not in (None, "detect"):
+        wire_size(wire)
+    raw = read_cloud(path, seconds=read_seconds, mesh_points=mesh_points)
+    cloud, marks, said = _with_marks(raw, side, units, propose_marks)
+    notes = [f"{path.name}: {note}" for note in _unit_notes(said)]
+    marks_origin = "proposed" if marks.proposed else "given"
+    if side is not None and marks.side != side:
+        marks, marks_origin = _other_side(cloud, marks, side), "mirrored"
     check_scan(cloud, marks)
-    wire = from_inner_end(marks.wire, marks.points.get("inner_end"), marks.path)
-    _check_outer_end(wire, marks)
-    frame = frame_from_wire(wire, marks.side, _front(cloud, marks), marks.path)
-    kept, cleaning = clean(
-        frame.to_cup(cloud.points), cloud.inside, count=points, outliers=outliers, neighbours=neighbours
-    )
-    if len(kept) < min(MIN_POINTS, points or MIN_POINTS):
-        cause = f"only {len(kept)} distinct points are left of {cleaning.read} after cleaning"
-        raise InputError(path, cause, "Raise scan.outliers (null keeps all points), or scan more densely")
-    neckline = _neckline(wire, marks)
+    marks, wire_origin, guessed = _with_wire(cloud, marks, wire)
+    line = from_inner_end(_present(marks), marks.points.get("inner_end"), marks.path)
+    _check_outer_end(line, marks)
+    frame = frame_from_wire(line, marks.side, _front(cloud, marks), marks.path)
+    tidied, elsewhere = _tidied(cloud, line, frame, outliers, neighbours)
+    neckline, neckline_origin = _neckline(line, marks, frame, tidied)
+    whole = cloud.inside is None and not is_one_breast(cloud.points, line)
+    if whole and neckline is None:
+        raise InputError(
+            path,
+            "the cloud is more than one breast, and nothing says where the cup ends",
+            f"Mark landmarks.strap_point or upper_line, or flag the breast's points by a property '{FLAG}' of 1,
+            others 0",
+        )
+    curve = None if neckline is None or cloud.inside is not None else _closed(frame.to_cup(line), neckline)
+    cleaned = finish(tidied, curve, count=points, not_finite=cloud.dropped, elsewhere=elsewhere)
+    if len(cleaned.points) < min(MIN_POINTS, points or MIN_POINTS):
+        kept, read = len(cleaned.points), cleaned.steps.read
+        cause = f"only {kept} distinct points are left of {read} after cleaning and cropping"
+        remedy = "Check wire and upper line; raise scan.outliers (null keeps all points), or scan more densely"
+        raise InputError(path, cause, remedy)
+    if marks_origin != "given" or wire_origin != "given":
+        how = f"landmarks {marks_origin}, wire {wire_origin}"
+        share = "" if guessed is None else f" ({100 * guessed:.0f} % of it guessed)"
+        notes.append(f"{path.name}: {how}{share}: look at them, brafit-inspect draws them")
     return Scan(
         name=path.stem if name is None else name,
         path=path,
         side=marks.side,
-        points=kept,
-        wire=frame.to_cup(wire),
-        neckline=None if neckline is None else frame.to_cup(neckline),
+        points=cleaned.points,
+        wire=frame.to_cup(line),
+        neckline=neckline,
         strap_point=_mark(frame, marks, "strap_point"),
         apex=_mark(frame, marks, "apex"),
         frame=frame,
-        cleaning=cleaning,
+        cleaning=cleaned.steps,
+        dense=cleaned.dense,
+        units=said,
+        origin=Origin(marks_origin, wire_origin, guessed, neckline_origin),
+        notes=tuple(notes),
     )
 
 
-def _existing_landmarks(path: Path) -> Path:
-    marks = landmarks_path(path)
-    if not marks.exists():
-        remedy = f"Write {marks.name} with at least wire and side, see brafit/scan/landmarks.schema.json"
-        raise InputError(path, f"no landmark file {marks.name} beside the cloud", remedy)
-    return marks
+def _check_choice(key: str, value: str | None, choices: tuple[str, ...]) -> None:
+    if value is not None and value not in choices:
+        raise ConfigError(f"scan.{key}: {value}, but it must be one of {', '.join(choices)}")
+
+
+def _with_marks(raw: Cloud, side: str | None, units: str | None, wanted: bool) -> tuple[Cloud, Landmarks, Units]:
+    """Cloud and marks in millimetres."""
+    path = landmarks_path(raw.path)
+    if not path.exists() and wanted:
+        unit = units or body_unit(raw.path, raw.points)
+        cloud = _scaled(raw, MILLIMETRES[unit])
+        marks = propose(cloud)
+        return cloud, next(mark for mark in marks if mark.side == (side or "left")), Units(unit, unit, _found(units, "body"))
+    if not path.exists():
+        remedy = f"Write {path.name} (brafit-inspect proposes one), or set scan.propose=true"
+        raise InputError(raw.path, f"no landmark file {path.name} beside the cloud", remedy)
+    marks = read_landmarks(path, side)
+    unit, found = _marks_unit(raw, marks, units)
+    factor = MILLIMETRES[unit]
+    marks = marks.mapped(lambda p: p * factor, units="mm")
+    of_cloud = units or cloud_unit(raw.points, marks.positions()) or unit
+    if of_cloud != unit:
+        found = "how the landmarks lie on the cloud"
+    return _scaled(raw, MILLIMETRES[of_cloud]), marks, Units(of_cloud, unit, found)
+
+
+def _found(said: str | None, what: str) -> str:
+    return "" if said else what
+
+
+def _marks_unit(raw: Cloud, marks: Landmarks, said: str | None) -> tuple[str, str]:
+    """The landmark file's unit and what it was found from."""
+    said = said or marks.units
+    if said:
+        return said, ""
+    if marks.wire is not None:
+        return wire_unit(marks.path, polyline_length(marks.wire)), "the length of the wire"
+    return body_unit(raw.path, raw.points), "the depth of the body"
+
+
+def _scaled(cloud: Cloud, factor: float) -> Cloud:
+    return cloud if factor == 1 else replace(cloud, points=cloud.points * factor)
+
+
+def _unit_notes(units: Units) -> list[str]:
+    if not units.found or (units.cloud == units.marks == "mm"):
+        return []
+    files = f"the cloud is in {NAMES[units.cloud]}, the landmarks in {NAMES[units.marks]}"
+    same = f"it is in {NAMES[units.cloud]}"
+    return [f"{same if units.cloud == units.marks else files}, found from {units.found}"]
+
+
+def _other_side(cloud: Cloud, marks: Landmarks, side: str) -> Landmarks:
+    """The marks of one breast carried over to the other."""
+    mirror = mirror_of(cloud.points[:: max(1, len(cloud.points) // SYMMETRIC_POINTS)])
+    flipped = marks.mapped(mirror, side=side)
+    away = float(np.median(np.linalg.norm(flipped.positions() - marks.positions(), axis=1)))
+    if mirror.rms > MIRROR_RMS or away < MIRROR_RMS * 10:
+        cause = f"side={side}: it marks the {marks.side} breast only, and the body is not symmetric enough to mirror it"
+        raise InputError(marks.path, cause, f"Add the {side} breast to the landmark file: breasts: [...]")
+    return flipped
+
+
+def _with_wire(cloud: Cloud, marks: Landmarks, wire: str | None) -> tuple[Landmarks, str, float | None]:
+    """Marks that have a wire, where it comes from and the share of it that is guessed."""
+    if wire is None and marks.wire is not None:
+        return marks, "proposed" if marks.proposed else "given", None
+    if wire in (None, "detect"):
+        found = detect_wire(cloud, marks)
+        return replace(marks, wire=found.wire), "detected", found.guessed
+    placed = place_wire(cloud, marks, wire_size(str(wire)))
+    changes = {"inner_end": placed.wire[0], "outer_end": placed.wire[-1]}
+    return replace(marks, wire=placed.wire, points={**marks.points, **changes}), f"size {wire}", placed.guessed
+
+
+def _present(marks: Landmarks) -> np.ndarray:
+    assert marks.wire is not None
+    return marks.wire
+
+
+def _tidied(
+    cloud: Cloud, wire: np.ndarray, frame: CupFrame, outliers: float | None, neighbours: int
+) -> tuple[Tidy, int]:
+    """The tidied cloud about the breast, in the cup frame, and the number of points that lie elsewhere."""
+    points, flag = cloud.points, cloud.inside
+    if flag is None and not is_one_breast(points, wire):
+        near = np.linalg.norm(points - wire.mean(axis=0), axis=1) < REGION * polyline_length(wire)
+        points = points[near]
+    tidied = tidy(frame.to_cup(points), flag, outliers=outliers, neighbours=neighbours)
+    return tidied, len(cloud.points) - len(points)
+
+
+def _closed(wire: np.ndarray, neckline: np.ndarray) -> np.ndarray:
+    """The closed curve of wire and neckline, which both run from the inner to the outer end."""
+    return np.concatenate([wire, neckline[::-1][1:-1]])
 
 
 def _front(cloud: Cloud, marks: Landmarks) -> np.ndarray:
@@ -116,16 +285,26 @@ def _check_outer_end(wire: np.ndarray, marks: Landmarks) -> None:
         raise InputError(marks.path, cause, f"Both mark the same point: bring them within {END_TOLERANCE:g} mm")
 
 
-def _neckline(wire: np.ndarray, marks: Landmarks) -> np.ndarray | None:
-    """The upper line, from the wire's inner to its outer end."""
+def _neckline(
+    wire: np.ndarray, marks: Landmarks, frame: CupFrame, tidied: Tidy
+) -> tuple[np.ndarray | None, str]:
+    """The upper line in the cup frame, from the wire's inner to its outer end, and where it comes from."""
     line = marks.upper_line
-    if line is None:
-        return None
-    gaps = [max(np.linalg.norm(way[0] - wire[0]), np.linalg.norm(way[-1] - wire[-1])) for way in (line, line[::-1])]
-    if min(gaps) > END_TOLERANCE:
-        cause = f"upper_line: its ends are up to {min(gaps):.1f} mm from the ends of the wire"
-        raise InputError(marks.path, cause, f"Let it start and end at the wire's ends (within {END_TOLERANCE:g} mm)")
-    return line if gaps[0] <= gaps[1] else line[::-1].copy()
+    if line is not None:
+        gaps = [max(np.linalg.norm(way[0] - wire[0]), np.linalg.norm(way[-1] - wire[-1])) for way in (line, line[::-1])]
+        if min(gaps) > END_TOLERANCE:
+            cause = f"upper_line: its ends are up to {min(gaps):.1f} mm from the ends of the wire"
+            remedy = f"Let it start and end at the wire's ends (within {END_TOLERANCE:g} mm)"
+            raise InputError(marks.path, cause, remedy)
+        return frame.to_cup(line if gaps[0] <= gaps[1] else line[::-1].copy()), "given"
+    strap = _mark(frame, marks, "strap_point")
+    if strap is None:
+        return None, "none"
+    surface = tidied.surface or surface_of(tidied.points, np.array([0.0, 0.0, 1.0]))
+    apex = _mark(frame, marks, "apex")
+    front = np.array([0.0, 0.0, 1.0]) if apex is None else mean_normal(surface, apex, 12.0)
+    ends = frame.to_cup(wire[[0, -1]])
+    return neckline_over(surface, ends[0], strap, ends[1], front), "built"
 
 
 def _mark(frame: CupFrame, marks: Landmarks, name: str) -> np.ndarray | None:

@@ -128,7 +128,9 @@ def _check_size(elements: list[Element], form: str, body: int) -> None:
     if form == "ascii":
         least = sum(element.count * max(2 * len(element.properties), 1) for element in elements) - 2
     else:
-        least = sum(element.count * (len(element.properties) if element.row is None else element.row) for element in elements)
+        least = sum(
+            element.count * (len(element.properties) if element.row is None else element.row) for element in elements
+        )
     if body < least:
         raise ValueError(f"its header promises {least} bytes or more, {body} follow")
     fixed = form != "ascii" and all(element.row is not None for element in elements)

@@ -117,7 +117,9 @@ def nearest_source(
     graph: sparse.csr_array, sources: Int[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """For each point the length of the shortest way to a source, and that source (-1 where no way leads)."""
-    lengths, _, origin = csgraph.dijkstra(graph, directed=False, indices=sources, min_only=True, return_predecessors=True)
+    lengths, _, origin = csgraph.dijkstra(
+        graph, directed=False, indices=sources, min_only=True, return_predecessors=True
+    )
     return lengths, np.where(np.isfinite(lengths), origin, -1)
 
 

@@ -57,7 +57,13 @@ def mirror_of(points: Float[np.ndarray, "n 3"], seed: int = 0) -> Mirror:
 
 
 def _refine(
-    tree: KDTree, points: np.ndarray, normals: np.ndarray, moving: np.ndarray, normal: np.ndarray, offset: float, rounds: int
+    tree: KDTree,
+    points: np.ndarray,
+    normals: np.ndarray,
+    moving: np.ndarray,
+    normal: np.ndarray,
+    offset: float,
+    rounds: int,
 ) -> Mirror:
     rms = np.inf
     for _ in range(rounds):
@@ -67,7 +73,8 @@ def _refine(
         kept = distance <= np.quantile(distance, 0.8)
         q, m, p, s = points[near[kept]], normals[near[kept]], moving[kept], signed[kept]
         residual = ((image[kept] - q) * m).sum(axis=1)
-        # normal -> normal + a u + b v (u, v across it), offset -> offset + c, in image = p - 2 (normal.p - offset) normal
+        # normal -> normal + a u + b v (u, v across it), offset -> offset + c, in image = p - 2 (normal.p - offset)
+        # normal
         u = np.linalg.svd(normal[None])[2][1]
         v = np.cross(normal, u)
         mn = m @ normal

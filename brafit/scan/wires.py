@@ -1,0 +1,6 @@
+def place_wire(cloud, marks, s):
+    raise NotImplementedError
+
+
+def wire_size(s):
+    raise NotImplementedError
