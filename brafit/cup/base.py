@@ -44,7 +44,9 @@ def derivatives(
     at: Float[Tensor, "batch size"],
     columns: Int[Tensor, " columns"] | None = None,
 ) -> tuple[Tensor, ...]:
-    """Derivatives of a batched function by each of the parameters, or by some, forward mode: (columns, *output) for each output."""
+    """Derivatives of a batched function by each of the parameters, or by some, forward mode: (columns, *output) for
+    each output.
+    """
     directions = torch.eye(at.shape[1], dtype=at.dtype, device=at.device)
     directions = directions if columns is None else directions[columns]
     directions = directions[:, None].expand(-1, *at.shape)
@@ -84,8 +86,8 @@ class Cup(nn.Module, ABC):
     def start(self, angles: Float[Tensor, "batch panels"], reaches: Float[Tensor, "batch panels"]) -> None:
         """Set the parameters to a plain start.
 
-        The upper edge of panel i is to run near the plane through the wire's chord that is turned by angles[i] radians from +x (down)
-        over +z (out), and reach out as far as reaches[i] from the chord.
+        The upper edge of panel i is to run near the plane through the wire's chord that is turned by angles[i]
+        radians from +x (down) over +z (out), and reach out as far as reaches[i] from the chord.
         """
 
     @abstractmethod
@@ -94,13 +96,16 @@ class Cup(nn.Module, ABC):
 
     @abstractmethod
     def constraints(self, shape: CupShape) -> dict[str, Float[Tensor, "batch m"]]:
-        """Equations that a shape of this model must satisfy to be a cup, by name; empty where the model satisfies them itself.
+        """Equations that a shape of this model must satisfy to be a cup, by name; empty where the model satisfies
+        them itself.
 
         Scaled so that the sum of squares over m is a mean square.
         """
 
     def closure(self, shape: CupShape) -> Float[Tensor, "batch m"] | None:
-        """Those constraints that few enough equations make up for a solver to fulfil them to round-off; None where there are none."""
+        """Those constraints that few enough equations make up for a solver to fulfil them to round-off; None where
+        there are none.
+        """
         return None
 
     @abstractmethod
@@ -112,17 +117,23 @@ class Cup(nn.Module, ABC):
         return self.shape_of(flat)
 
     def columns(self, terms: int | None = None) -> Int[Tensor, " columns"]:
-        """Places in the flat matrix, increasing, of the parameters that are free while series have this many terms (None: all there are)."""
+        """Places in the flat matrix, increasing, of the parameters that are free while series have this many terms
+        (None: all there are).
+        """
         return torch.arange(self.size, device=self.stations.device)
 
     def place_corner(
         self, flat: Float[Tensor, "batch size"], points: Float[Tensor, "batch 3"], given: Bool[Tensor, " batch"]
     ) -> Float[Tensor, "batch size"]:
-        """The parameters with the upper edge's corner, if the model has one, brought near the strap points that are given."""
+        """The parameters with the upper edge's corner, if the model has one, brought near the strap points that are
+        given.
+        """
         return flat
 
     def refined(self) -> "Cup | None":
-        """The same cups computed on a finer grid; None where the grid makes no difference to whether they are developable."""
+        """The same cups computed on a finer grid; None where the grid makes no difference to whether they are
+        developable.
+        """
         return None
 
     @torch.no_grad()
@@ -145,7 +156,7 @@ class Cup(nn.Module, ABC):
             margin=regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions),
             margin_columns=margin,
             roughness=roughness,
-            constraints=dict(zip(names, others)),
+            constraints=dict(zip(names, others, strict=True)),
             columns=columns,
         )
 
@@ -167,7 +178,7 @@ class Cup(nn.Module, ABC):
     def split(self, flat: Float[Tensor, "batch size"]) -> dict[str, Tensor]:
         """Parameters by name from the flat matrix."""
         parts = flat.split([math.prod(shape) for shape in self.layout.values()], dim=1)
-        return {name: part.unflatten(1, shape) for (name, shape), part in zip(self.layout.items(), parts)}
+        return {name: part.unflatten(1, shape) for (name, shape), part in zip(self.layout.items(), parts, strict=True)}
 
     @torch.no_grad()
     def load_flat(self, flat: Float[Tensor, "batch size"]) -> None:

@@ -40,8 +40,9 @@ def polyline_points(line: Float[Tensor, "batch k 3"], segment: Tensor, place: Te
 class Gaps:
     """Difference vectors between a cup's edges and fixed points, and how they depend on the samples of the cup.
 
-    A gap is the part across `sliding` of (weighted sum of samples - fixed point): where the nearest point lies inside a line it may slide along
-    it, and only the component across counts, which has the same length and the envelope theorem's gradient.
+    A gap is the part across `sliding` of (weighted sum of samples - fixed point): where the nearest point lies inside
+    a line it may slide along it, and only the component across counts, which has the same length and the envelope
+    theorem's gradient.
 
     Attributes:
         vectors: the gaps, differentiable in the samples.
@@ -114,11 +115,15 @@ def gaps_to_points(shape: CupShape, edge: int, points: Points) -> Gaps:
 
 
 def station_weights(stations: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-    """Weights that sum to 1 and make a sum over stations a mean over the wire, whatever their spacing (trapezoidal rule)."""
+    """Weights that sum to 1 and make a sum over stations a mean over the wire, whatever their spacing (trapezoidal
+    rule).
+    """
     half = stations.diff() / (2 * (stations[-1] - stations[0]))
     return torch.nn.functional.pad(half, (0, 1)) + torch.nn.functional.pad(half, (1, 0))
 
 
 def shortfall(margin: Tensor, bound: float, width: float) -> Tensor:
-    """Smooth barrier: about bound - margin where the regularity margin is below its bound, fading to 0 over `width` above it."""
+    """Smooth barrier: about bound - margin where the regularity margin is below its bound, fading to 0 over `width`
+    above it.
+    """
     return width * torch.nn.functional.softplus((bound - margin) / width)

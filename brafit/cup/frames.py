@@ -1,7 +1,7 @@
 """Cup model A, "frames": the paper's. Ridge and upper line are curves drawn by moving frames, (32), (44)-(52).
 
-The panels between the edges are ruled by joining equal s; they are developable only where det(zeta_a, zeta_b, g) = 0, and the edges
-end in the wire's end only where (38), (39) hold: both are conditions of the fit (`ends`, `twist`).
+The panels between the edges are ruled by joining equal s; they are developable only where det(zeta_a, zeta_b, g) = 0,
+and the edges end in the wire's end only where (38), (39) hold: both are conditions of the fit (`ends`, `twist`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class FramesCup(Cup):
         basis: Ritz basis, see `brafit.geometry.ritz`.
 
     Parameters:
-        coefficients (B, panels, 3, terms): Ritz coefficients of omega_xi, omega_eta and v, with s' = v^2 and omega_zeta = 0.
+        coefficients (B, panels, 3, terms): Ritz coefficients of omega_xi, omega_eta and v, with s' = v^2 and
+            omega_zeta = 0.
         turn (B, panels, 3): rotation vector that turns the reference frame (a buffer set by `start`) into Phi_0.
     """
 

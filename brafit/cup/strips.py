@@ -223,7 +223,9 @@ class StripsCup(Cup):
             rib_sine, rib_cosine = (f(scalars.alpha)[..., None] for f in (torch.sin, torch.cos))
             slope = rib_sine / rib_cosine
             omega_xi, omega_eta = scalars.omega_xi[..., None], scalars.omega_eta[..., None]
-            t, p, q, spin, speed = (v[..., None] for v in (scalars.t, scalars.p, scalars.q, scalars.spin, scalars.speed))
+            t, p, q, spin, speed = (
+                v[..., None] for v in (scalars.t, scalars.p, scalars.q, scalars.spin, scalars.speed)
+            )
 
             saturation = (1 - panel.bounded * panel.bounded)[..., None]
             twice = (2 / RIB_LIMIT * panel.bounded * panel.lean_slope)[..., None]

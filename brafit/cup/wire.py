@@ -1,7 +1,7 @@
 """The wire line: the curve that the cup starts from.
 
-Every wire is held as Chebyshev series of its position by arc length, divided by length / pi, so that in these solver units
-each wire of a batch has s in [0, pi]. A half-circle wire has radius 1.
+Every wire is held as Chebyshev series of its position by arc length, divided by length / pi, so that in these solver
+units each wire of a batch has s in [0, pi]. A half-circle wire has radius 1.
 """
 
 from __future__ import annotations
@@ -69,13 +69,11 @@ class Wire(nn.Module):
         return Wire(*(torch.cat([getattr(w, k) for w in wires]) for k in ("coefficients", "scale", "smoothing")))
 
     @staticmethod
-    def from_omega(
-        omega: Sequence[float], length: float, frame: Sequence[Sequence[float]] = _CUP_FRAME
-    ) -> "Wire":
+    def from_omega(omega: Sequence[float], length: float, frame: Sequence[Sequence[float]] = _CUP_FRAME) -> "Wire":
         """Wire of constant rates omega (3) per unit length, (53): a circular arc or a helix, from the origin.
 
-        `frame` is the initial frame with columns (xi, eta, zeta); by default zeta = +x, xi = +y, eta = +z, which makes (0, 1/R, 0) of
-        length pi R the half circle of radius R in z = 0, x >= 0.
+        `frame` is the initial frame with columns (xi, eta, zeta); by default zeta = +x, xi = +y, eta = +z, which
+        makes (0, 1/R, 0) of length pi R the half circle of radius R in z = 0, x >= 0.
 
         Raises:
             ValueError: length not positive.
@@ -103,7 +101,7 @@ class Wire(nn.Module):
         half = length / radius / 2
         along = (math.sin(half), math.cos(half), 0.0)
         inward = (-math.cos(half), math.sin(half), 0.0)
-        frame = tuple(zip(inward, (0.0, 0.0, 1.0), along))
+        frame = tuple(zip(inward, (0.0, 0.0, 1.0), along, strict=True))
         return Wire.from_omega((0.0, 1 / radius, 0.0), length, frame)
 
     @staticmethod
@@ -111,8 +109,8 @@ class Wire(nn.Module):
         """Smooth wire through a polyline whose ends are kept.
 
         Least squares plus `smoothing` times the mean squared third derivative, both in solver units: a wave of n
-        half-periods along the wire keeps 1 / (1 + smoothing n^6) of its amplitude. `self.smoothing` reports the largest distance
-        of the given points from the result.
+        half-periods along the wire keeps 1 / (1 + smoothing n^6) of its amplitude. `self.smoothing` reports the
+        largest distance of the given points from the result.
 
         Raises:
             ValueError: fewer than 4 distinct points, or points that are not finite.
@@ -151,7 +149,9 @@ def _fit_series(x: np.ndarray, points: np.ndarray, chords: np.ndarray, smoothing
     weights = np.convolve(chords, (0.5, 0.5)) / chords.sum()  # trapezoidal: uneven sampling does not matter
     nodes, quadrature = np.polynomial.legendre.leggauss(2 * terms)
     third = chebyshev_synthesis(terms, nodes, 3) * (2 / LENGTH) ** 3
-    normal = values.T @ (weights[:, None] * values) + max(smoothing, 1e-12) * third.T @ (quadrature[:, None] / 2 * third)
+    normal = values.T @ (weights[:, None] * values) + max(smoothing, 1e-12) * third.T @ (
+        quadrature[:, None] / 2 * third
+    )
     ends = values[[0, -1]]
     system = np.block([[normal, ends.T], [ends, np.zeros((2, 2))]])
     right = np.concatenate((values.T @ (weights[:, None] * points), points[[0, -1]]))

@@ -21,8 +21,8 @@ def descend(
 ) -> tuple[Flat, Bool[Tensor, " batch"]]:
     """`steps` steps of Adam (Kingma and Ba 2015) whose rate falls to zero along a half cosine.
 
-    Returns the best place each problem has seen, and which problems met a value or gradient that is not finite (those stay where they
-    were best).
+    Returns the best place each problem has seen, and which problems met a value or gradient that is not finite (those
+    stay where they were best).
     """
     place, best = start.clone(), start.clone()
     lowest = torch.full_like(start[:, 0], torch.inf)

@@ -28,8 +28,9 @@ class Stage:
         steps: evaluations per problem at most.
         penalty: penalty mu of the constraints in this stage.
         rate: rate of Adam, in solver units.
-        damping: L-BFGS works in the variables in which the Gauss-Newton matrix at the stage's start, plus `damping` times its
-            largest diagonal element, is the identity. Small values reach weakly determined directions, but only near a minimum.
+        damping: L-BFGS works in the variables in which the Gauss-Newton matrix at the stage's start, plus `damping`
+            times its largest diagonal element, is the identity. Small values reach weakly determined directions, but
+            only near a minimum.
     """
 
     optimiser: str
@@ -60,7 +61,9 @@ class Anneal:
         self.tolerance = tolerance
 
     def solve(self, objective: Objective, start: Float[Tensor, "batch size"], callback: Callback | None) -> Solution:
-        """Minimise every problem of the objective from its start. Problems that diverge are frozen where they were last finite."""
+        """Minimise every problem of the objective from its start. Problems that diverge are frozen where they were
+        last finite.
+        """
         place = start.clone()
         batch = len(start)
         diverged = torch.zeros(batch, dtype=torch.bool, device=start.device)
@@ -96,7 +99,7 @@ class Anneal:
             place[live] = close(objective.select(live), place[live], pressure)
         codes = [
             ResultCode.DIVERGED if d else ResultCode.CONVERGED if c else ResultCode.STEP_LIMIT
-            for d, c in zip(diverged.tolist(), converged.tolist())
+            for d, c in zip(diverged.tolist(), converged.tolist(), strict=True)
         ]
         return Solution(place, codes, evaluations, Pressure(self.stages[-1].penalty, multipliers))
 
@@ -116,7 +119,9 @@ class Anneal:
 
 
 def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pressure) -> Float[Tensor, "batch size"]:
-    """Fulfil the cup's closure equations to round-off by the least change, measured by the objective's Gauss-Newton matrix."""
+    """Fulfil the cup's closure equations to round-off by the least change, measured by the objective's Gauss-Newton
+    matrix.
+    """
     cup = objective.cup
 
     def closure(flat: Tensor) -> Tensor:
@@ -130,14 +135,16 @@ def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pr
         gap = closure(place)
         jacobian = derivatives(lambda flat: (closure(flat),), place)[0].movedim(0, -1)
         change = []
-        for j, w, g in zip(jacobian, transform, gap):
+        for j, w, g in zip(jacobian, transform, gap, strict=True):
             change.append(-w @ torch.linalg.lstsq(j @ w, g[:, None], driver="gelsd").solution[:, 0])
         place = place + torch.stack(change)
     return place
 
 
 def whitening(matrix: Float[Tensor, "batch size size"], damping: float = 1e-7) -> Float[Tensor, "batch size size"]:
-    """W with W^T A W = 1 for A = matrix + damping max(diag) 1; the identity where A is not positive definite or not finite."""
+    """W with W^T A W = 1 for A = matrix + damping max(diag) 1; the identity where A is not positive definite or not
+    finite.
+    """
     size = matrix.shape[-1]
     identity = torch.eye(size, dtype=matrix.dtype, device=matrix.device)
     result = []

@@ -1,8 +1,8 @@
 """Batched L-BFGS: every problem has its own step, line search, history and end.
 
-The problems run asynchronously: with each evaluation every problem either takes its own next step or tries another length of the
-present one (bracketing for the weak Wolfe conditions, Lewis and Overton 2013), so none waits for another, and none can
-touch another: all arithmetic is elementwise in the batch.
+The problems run asynchronously: with each evaluation every problem either takes its own next step or tries another
+length of the present one (bracketing for the weak Wolfe conditions, Lewis and Overton 2013), so none waits for
+another, and none can touch another: all arithmetic is elementwise in the batch.
 """
 
 from __future__ import annotations
@@ -90,8 +90,9 @@ def minimise(
 ) -> Minimum:
     """Minimise B functions from B starts.
 
-    A problem has converged when two steps running lower its value by less than `tolerance` of it, or when its line search can find no
-    lower value at the precision of its arithmetic. Converged and diverged problems are no longer evaluated.
+    A problem has converged when two steps running lower its value by less than `tolerance` of it, or when its line
+    search can find no lower value at the precision of its arithmetic. Converged and diverged problems are no longer
+    evaluated.
 
     Args:
         function: values and gradients for a subset of the problems.

@@ -102,16 +102,22 @@ class LM:
                 targets = part.targets
                 place[running] = part.cup.place_corner(place[running], targets.connection, targets.has_connection)
                 part = part if stage.points is None else part.thinned(stage.points)
-                pressure = Pressure(
-                    stage.penalty, {k: v[running] for k, v in multipliers.items()}, barrier[running]
-                )
+                pressure = Pressure(stage.penalty, {k: v[running] for k, v in multipliers.items()}, barrier[running])
                 name = f"{number + 1} lm"
-                ending = minimise(part, place[running], pressure, stage, lambda k, t: _tell(callback, name, done + k, total, t))
+                ending = minimise(
+                    part, place[running], pressure, stage, lambda k, t: _tell(callback, name, done + k, total, t)
+                )
                 place[running], value[running] = ending.place, ending.value
                 steps[running] += ending.steps
-                for row, diverged, converged in zip(running.tolist(), ending.diverged.tolist(), ending.converged.tolist()):
+                for row, diverged, converged in zip(
+                    running.tolist(), ending.diverged.tolist(), ending.converged.tolist(), strict=True
+                ):
                     codes[row] = (
-                        ResultCode.DIVERGED if diverged else ResultCode.CONVERGED if converged else ResultCode.STEP_LIMIT
+                        ResultCode.DIVERGED
+                        if diverged
+                        else ResultCode.CONVERGED
+                        if converged
+                        else ResultCode.STEP_LIMIT
                     )
                 if look == 0:
                     margin = torch.full_like(value, torch.inf)
@@ -146,7 +152,9 @@ def _best(live: Tensor, value: Tensor, groups: Tensor, keep: int, notes: list[li
 
 
 @torch.no_grad()
-def minimise(objective: Objective, start: Float[Tensor, "batch size"], pressure: Pressure, stage: LMStage, tell) -> Minimum:
+def minimise(
+    objective: Objective, start: Float[Tensor, "batch size"], pressure: Pressure, stage: LMStage, tell
+) -> Minimum:
     """Minimise every problem by the terms that are free in the stage.
 
     The damping follows Nielsen (1999): it falls smoothly with the ratio of found to expected decrease, and grows ever faster while steps

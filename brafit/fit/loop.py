@@ -100,7 +100,7 @@ def fit_targets(
         results.append(
             _finish(
                 target,
-                shapes.map(lambda v: v[k].detach().cpu().double() ),
+                shapes.map(lambda v: v[k].detach().cpu().double()),
                 winners.wire.select(torch.tensor([k])).cpu().double(),
                 solution.codes[row],
                 {name: value[k].tolist() for name, value in winners.split(flat).items()},
@@ -132,7 +132,7 @@ def _finish(
         code=code,
         reason=code.value,
         shape=shape,
-        panels=[FlatPanel(lower, upper) for lower, upper in zip(flat.lower, flat.upper)],
+        panels=[FlatPanel(lower, upper) for lower, upper in zip(flat.lower, flat.upper, strict=True)],
         distances=distances.numpy(),
         figures=figures,
         parameters=parameters,

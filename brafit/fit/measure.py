@@ -60,12 +60,18 @@ def figures_of(
     lengths = arc_lengths(edges, stations)[:, -1]
     flat_lower, flat_upper = arc_lengths(flat.lower, stations)[:, -1], arc_lengths(flat.upper, stations)[:, -1]
     flat_rulings = (flat.upper - flat.lower).norm(dim=-1)
-    changes = ((flat_lower - lengths[:-1]).abs(), (flat_upper - lengths[1:]).abs(), (flat_rulings - shape.lengths).abs())
+    changes = (
+        (flat_lower - lengths[:-1]).abs(),
+        (flat_upper - lengths[1:]).abs(),
+        (flat_rulings - shape.lengths).abs(),
+    )
     seams = (flat_upper[:-1] - flat_lower[1:]).abs()
     return {
         "rms_mm": size.square().mean().sqrt().item(),
         "mean_mm": size.mean().item(),
-        "p95_mm": torch.quantile(size, 0.95).item() if len(size) < 2**24 else size.sort().values[-len(size) // 20].item(),
+        "p95_mm": torch.quantile(size, 0.95).item()
+        if len(size) < 2**24
+        else size.sort().values[-len(size) // 20].item(),
         "max_mm": size.max().item(),
         "upper_edge_mm": math.nan if neckline is None else _upper_edge(edges[-1], neckline),
         "wire_length_mm": lengths[0].item(),

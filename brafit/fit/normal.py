@@ -113,8 +113,9 @@ def slopes(block: Block) -> Float[Tensor, "batch m"]:
     return slope if block.gaps is None else slope.repeat_interleave(3, dim=-1)
 
 
-def gram(jacobian: Float[Tensor, "batch m size"], weights: Float[Tensor, "batch m"]) -> Float[Tensor, "batch size
-size"]:
+def gram(
+    jacobian: Float[Tensor, "batch m size"], weights: Float[Tensor, "batch m"]
+) -> Float[Tensor, "batch size size"]:
     """J^T W J, one problem at a time, so that rounding does not depend on the batch."""
     return torch.stack([j.mT @ (j * w[:, None]) for j, w in zip(jacobian, weights)])
 

@@ -1,6 +1,7 @@
 """The objective (43) as named blocks of residuals, batched: value = sum over blocks of weight * sum rho(residual^2).
 
-The objective knows cups and targets, but no solver. Constraints are blocks too: a solver sets their penalty and multipliers.
+The objective knows cups and targets, but no solver. Constraints are blocks too: a solver sets their penalty and
+multipliers.
 """
 
 from __future__ import annotations
@@ -65,7 +66,8 @@ class Conditions:
 class Block:
     """Residuals of one kind: value = sum of weight * rho(residual^2).
 
-    `gaps`: where the residuals are the components of gaps between the cup and fixed points. There rho takes the squared length of each
+    `gaps`: where the residuals are the components of gaps between the cup and fixed points. There rho takes the
+        squared length of each
     gap: a sum of rho over the components would depend on the axes, and its gradient on how the foot points slide.
     """
 
@@ -88,8 +90,8 @@ class Block:
 class Pressure:
     """How hard the constraints press: penalty mu and multipliers lambda of lambda c + mu/2 c^2, per constraint.
 
-    The multipliers make the constraints hold without an endless penalty (the multiplier method). `barrier` multiplies the weight of the
-    regularity barrier, problem by problem.
+    The multipliers make the constraints hold without an endless penalty (the multiplier method). `barrier` multiplies
+    the weight of the regularity barrier, problem by problem.
     """
 
     penalty: float
@@ -117,7 +119,8 @@ class Objective:
         cup: the cup model; its wire and buffers are used, its parameters come as flat matrices.
         targets: what to fit.
         conditions: weights and widths.
-        groups: problems with the same number are starts of the same scan; by default every problem is a scan of its own.
+        groups: problems with the same number are starts of the same scan; by default every problem is a scan of its
+            own.
     """
 
     def __init__(self, cup: Cup, targets: Targets, conditions: Conditions, groups: Int[Tensor, " batch"] | None = None):

@@ -45,4 +45,6 @@ class Solution:
 class Solver(Protocol):
     """Anything that can minimise a batch of objectives."""
 
-    def solve(self, objective: Objective, start: Float[Tensor, "batch size"], callback: Callback | None) -> Solution: ...
+    def solve(
+        self, objective: Objective, start: Float[Tensor, "batch size"], callback: Callback | None
+    ) -> Solution: ...

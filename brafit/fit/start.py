@@ -15,9 +15,10 @@ def start_profiles(
 ) -> tuple[Float[np.ndarray, "count panels"], Float[np.ndarray, "count panels"]]:
     """Angles (radians) and reaches (mm) of the edges above the wire, for `count` starts of one scan.
 
-    Seen along the wire's chord (the y axis), the cup is a profile from the wire's bottom over the apex to the upper edge. Each edge is put
-    at an angle about the chord between those two, as far out as the cloud is there. The first start spaces the edges evenly, the
-    next ones move the ridges down and up, any further ones at random (from `seed`, the same for every scan).
+    Seen along the wire's chord (the y axis), the cup is a profile from the wire's bottom over the apex to the upper
+    edge. Each edge is put at an angle about the chord between those two, as far out as the cloud is there. The first
+    start spaces the edges evenly, the next ones move the ridges down and up, any further ones at random (from `seed`,
+    the same for every scan).
     """
 
     def polar(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

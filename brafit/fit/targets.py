@@ -88,7 +88,7 @@ class Targets:
         counts = [len(t.points) for t in targets]
         points = np.zeros((len(targets), max(counts), 3))
         weights = np.zeros(points.shape[:2])
-        for row, (target, count) in enumerate(zip(targets, counts)):
+        for row, (target, count) in enumerate(zip(targets, counts, strict=True)):
             points[row, :count], weights[row, :count] = target.points, 1 / count
         lines = [None if t.neckline is None else resample(t.neckline, _NECKLINE_SAMPLES) for t in targets]
         neckline, has_neckline = optional(lines, np.zeros((_NECKLINE_SAMPLES, 3)))

@@ -1,7 +1,7 @@
 """Developable panels between two edges: rib angle, rates, twist, regularity, (11)-(19) corrected.
 
-Along an edge: T the unit tangent (zeta), d the unit ruling direction, xi the unit vector across the panel in its tangent
-plane, eta = zeta x xi the normal, so that xi = eta x zeta and d = -zeta sin(alpha) + xi cos(alpha).
+Along an edge: T the unit tangent (zeta), d the unit ruling direction, xi the unit vector across the panel in its
+tangent plane, eta = zeta x xi the normal, so that xi = eta x zeta and d = -zeta sin(alpha) + xi cos(alpha).
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def unit(v: Tensor) -> Tensor:
 def rulings(lower: Vectors, upper: Vectors, lower_tangent: Vectors, upper_tangent: Vectors) -> Vectors:
     """Unit ruling directions g / |g|, (14), from the lower to the upper edge.
 
-    Where the edges meet (the two ends) the ruling has no direction of its own; its limit is that of the difference of the tangents
-    d edge / ds, pointing into the panel.
+    Where the edges meet (the two ends) the ruling has no direction of its own; its limit is that of the difference of
+    the tangents d edge / ds, pointing into the panel.
     """
     g = upper - lower
     change = upper_tangent - lower_tangent
@@ -100,8 +100,9 @@ def twist_angle(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vecto
 def regularity(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vectors) -> Values:
     """Margin A(t_max) / A(0) of formulation section 4.5: how far the rulings are from crossing inside the panel.
 
-    A(t) is the speed of the surface point at t across the ruling as s grows; it is linear in t. 1 for parallel rulings (a cylinder),
-    0 where the upper edge touches the edge of regression, negative where rulings cross. Tangents are by the common parameter s.
+    A(t) is the speed of the surface point at t across the ruling as s grows; it is linear in t. 1 for parallel
+    rulings (a cylinder), 0 where the upper edge touches the edge of regression, negative where rulings cross.
+    Tangents are by the common parameter s.
     """
     d_max = torch.linalg.cross(direction, normals(lower_tangent, direction))
     return dot(upper_tangent, d_max) / dot(lower_tangent, d_max)

@@ -15,8 +15,8 @@ from brafit.geometry.grid import sliding_derivative, sliding_integral
 class FlatPanel:
     """Planar development of panels, seen from outside the cup.
 
-    Sample k of both edges is joined by a ruling. The lower edge starts in the origin, its chord lies along +v (the first
-    coordinate), and the panel lies to the left of its lower edge.
+    Sample k of both edges is joined by a ruling. The lower edge starts in the origin, its chord lies along +v (the
+    first coordinate), and the panel lies to the left of its lower edge.
     """
 
     lower: Float[Tensor, "*batch n 2"]

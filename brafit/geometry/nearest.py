@@ -83,8 +83,9 @@ def sample_table(edges: Edges, tangents: Edges) -> Float[Tensor, "*batch rows 3"
     return torch.cat((edges.flatten(-3, -2), tangents.flatten(-3, -2)), dim=-2)
 
 
-def gather_rows(table: Float[Tensor, "*batch rows k"], index: Int[Tensor, "*batch p m"]) -> Float[Tensor, "*batch p m
-k"]:
+def gather_rows(
+    table: Float[Tensor, "*batch rows k"], index: Int[Tensor, "*batch p m"]
+) -> Float[Tensor, "*batch p m k"]:
     """Rows of each batch item's table, for two trailing dimensions of indices."""
     flat = index.flatten(-2)[..., None].expand(*index.shape[:-2], -1, table.shape[-1])
     return table.gather(-2, flat).unflatten(-2, index.shape[-2:])
@@ -197,8 +198,9 @@ def project(
         size = max(1, CHUNK // 16)
         for first in range(0, len(index), size):
             part = slice(first, first + size)
-            parts.append(_refine(p[index[part]].mT, problem[part] * panels + panel[part], chosen[part], tables,
-            iterations))
+            parts.append(
+                _refine(p[index[part]].mT, problem[part] * panels + panel[part], chosen[part], tables, iterations)
+            )
         return torch.cat(parts, dim=1) if parts else p.new_zeros(10, 0)
 
     everything = torch.arange(len(p), device=p.device)
@@ -306,9 +308,7 @@ def nearest_feet(
 
 
 @torch.no_grad()
-def foot_directions(
-    points: Points, edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], feet: Feet
-) -> Points:
+def foot_directions(points: Points, edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], feet: Feet) -> Points:
     """Unit vectors m such that m . (p - X*) is the signed distance, positive outside the cup.
 
     Where the foot lies inside a panel that is the surface normal; at the rim it is the difference vector's own

@@ -31,7 +31,7 @@ def sinc_terms(squared: Float[Tensor, "*batch"]) -> tuple[Tensor, Tensor, Tensor
         _series(squared, 1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800),
     )
     far = (sine / angle, (1 - cosine) / safe, (angle - sine) / (safe * angle))
-    a, b, c = (torch.where(small, n, f) for n, f in zip(near, far))
+    a, b, c = (torch.where(small, n, f) for n, f in zip(near, far, strict=True))
     return a, b, c
 
 
