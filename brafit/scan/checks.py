@@ -31,7 +31,6 @@ BREAST_REACH = 0.6
 """Largest median distance of the points from the middle of the wire, over the wire length."""
 
 
-
 def check_scan(cloud: Cloud, landmarks: Landmarks) -> None:
     """Refuse a scan whose cloud and landmarks (both in millimetres) cannot be what they should be.
 
@@ -75,8 +74,9 @@ def _check_cloud_size(file: Path, points: np.ndarray, length: float) -> None:
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     if size < CLOUD_SIZE * length:
         cause = f"the whole cloud is only {size:.3g} mm across, its wire is {length:.0f} mm long"
-        raise InputError(file, cause, "Check that cloud and landmark file belong together, and their units
-        (scan.units)")
+        raise InputError(
+            file, cause, "Check that cloud and landmark file belong together, and their units (scan.units)"
+        )
 
 
 def _check_distances(landmarks: Landmarks, cloud: Cloud) -> None:

@@ -140,8 +140,7 @@ def load_scan(
         raise InputError(
             path,
             "the cloud is more than one breast, and nothing says where the cup ends",
-            f"Mark landmarks.strap_point or upper_line, or flag the breast's points by a property '{FLAG}' of 1,
-            others 0",
+            f"Mark landmarks.strap_point or upper_line, or give the points a property '{FLAG}', 1 on the breast",
         )
     curve = None if neckline is None or cloud.inside is not None else _closed(frame.to_cup(line), neckline)
     cleaned = finish(tidied, curve, count=points, not_finite=cloud.dropped, elsewhere=elsewhere)
@@ -184,7 +183,11 @@ def _with_marks(raw: Cloud, side: str | None, units: str | None, wanted: bool) -
         unit = units or body_unit(raw.path, raw.points)
         cloud = _scaled(raw, MILLIMETRES[unit])
         marks = propose(cloud)
-        return cloud, next(mark for mark in marks if mark.side == (side or "left")), Units(unit, unit, _found(units, "body"))
+        return (
+            cloud,
+            next(mark for mark in marks if mark.side == (side or "left")),
+            Units(unit, unit, _found(units, "body")),
+        )
     if not path.exists():
         remedy = f"Write {path.name} (brafit-inspect proposes one), or set scan.propose=true"
         raise InputError(raw.path, f"no landmark file {path.name} beside the cloud", remedy)
@@ -196,10 +199,6 @@ def _with_marks(raw: Cloud, side: str | None, units: str | None, wanted: bool) -
     if of_cloud != unit:
         found = "how the landmarks lie on the cloud"
     return _scaled(raw, MILLIMETRES[of_cloud]), marks, Units(of_cloud, unit, found)
-
-
-def _found(said: str | None, what: str) -> str:
-    return "" if said else what
 
 
 def _marks_unit(raw: Cloud, marks: Landmarks, said: str | None) -> tuple[str, str]:
@@ -285,9 +284,7 @@ def _check_outer_end(wire: np.ndarray, marks: Landmarks) -> None:
         raise InputError(marks.path, cause, f"Both mark the same point: bring them within {END_TOLERANCE:g} mm")
 
 
-def _neckline(
-    wire: np.ndarray, marks: Landmarks, frame: CupFrame, tidied: Tidy
-) -> tuple[np.ndarray | None, str]:
+def _neckline(wire: np.ndarray, marks: Landmarks, frame: CupFrame, tidied: Tidy) -> tuple[np.ndarray | None, str]:
     """The upper line in the cup frame, from the wire's inner to its outer end, and where it comes from."""
     line = marks.upper_line
     if line is not None:

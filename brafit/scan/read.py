@@ -17,7 +17,7 @@ from brafit.scan.mesh import MESH_FORMATS
 from brafit.scan.pcd import read_pcd
 from brafit.scan.ply import ply_elements
 from brafit.scan.text import TEXT_FORMATS, read_text
-from brafit.scan.worker import ReaderFailure, read_apart
+from brafit.scan.worker import ReaderError, read_apart
 
 MIN_POINTS = 100
 FLAG = "inside"
@@ -114,7 +114,7 @@ def _read(path: Path, seconds: float, mesh_points: int) -> dict[str, np.ndarray]
     _check_extension(path)
     try:
         columns = _columns(path, seconds, mesh_points)
-    except ReaderFailure as error:
+    except ReaderError as error:
         remedy = "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds"
         raise InputError(path, f"cannot be read as a cloud ({error})", remedy) from None
     except ValueError as error:

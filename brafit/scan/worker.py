@@ -33,7 +33,7 @@ _lock = threading.RLock()
 _child: _Child | None = None
 
 
-class ReaderFailure(ValueError):
+class ReaderError(ValueError):
     """A reader crashed, took too long or ran out of memory; the message is a short reason."""
 
 
@@ -41,7 +41,7 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
     """Columns of a file, read by one of `_readers` in the other process.
 
     Raises:
-        ReaderFailure: the reader crashed, took longer than `seconds` or needed too much memory.
+        ReaderError: the reader crashed, took longer than `seconds` or needed too much memory.
         ValueError: the file is damaged; short reason.
         OSError: the file cannot be read.
         BrafitError: a library is missing.
@@ -56,13 +56,13 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
             ending = _child.end()
             _child = None
             if isinstance(error, TimeoutError):
-                raise ReaderFailure(f"reading it took longer than {seconds:g} s") from None
-            raise ReaderFailure(f"its reader crashed on it, {ending}") from None
+                raise ReaderError(f"reading it took longer than {seconds:g} s") from None
+            raise ReaderError(f"its reader crashed on it, {ending}") from None
     if kind == "ok":
         return content
     if kind == "os":
         raise OSError(*content)
-    raise {"memory": ReaderFailure, "open3d": Open3DError, "library": BrafitError}.get(kind, ValueError)(content)
+    raise {"memory": ReaderError, "open3d": Open3DError, "library": BrafitError}.get(kind, ValueError)(content)
 
 
 class _Child:
