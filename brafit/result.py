@@ -89,9 +89,7 @@ class Result:
     @cached_property
     def _pattern(self) -> Pattern:
         today = date.today().isoformat()
-        return finish(
-            self.pieces, self.options, name=self.name, side=self.side, date=today, figures=self.fit.figures
-        )
+        return finish(self.pieces, self.options, name=self.name, side=self.side, date=today, figures=self.fit.figures)
 
     def patterns(self) -> Pattern:
         """The flat pieces, finished: sewing and cut lines, notches, grain lines, labels, warnings; mm."""
@@ -209,7 +207,8 @@ class Result:
 def write_patterns(
     folder: Path, patterns: Sequence[Pattern], title: str, note: str, formats: Sequence[str]
 ) -> list[Path]:
-    """Write those of patterns.svg, patterns.dxf, and as PDF patterns.pdf (tiled) and patterns_sheet.pdf that are asked for.
+    """Write what is asked for: patterns.svg, patterns.dxf, and as PDF patterns.pdf (tiled) and patterns_sheet.pdf.
+    asked for.
 
     Returns:
         the files.

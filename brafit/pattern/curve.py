@@ -154,12 +154,13 @@ def right_of(tangent: Float[ndarray, "*n 2"]) -> Float[ndarray, "*n 2"]:
 def fit_curve(trace: Trace, begin: float, end: float, tolerance: float) -> Curve:
     """Arcs with the traced curve's tangents at their joints, each as long as the tolerance allows.
 
-    Handle lengths by least squares, the samples' places on the arc by Newton's method (Schneider's scheme); joints by
-    bisection, then moved to equal parts if that needs no more arcs.
+    Handle lengths by least squares of the distances across the arc, the samples' places by Newton's method; joints
+    by bisection, then moved to equal parts if that needs no more arcs.
     """
-    joints = [begin]
+    joints, guess = [begin], (end - begin) / 4
     while joints[-1] < end:
-        joints.append(_farthest(trace, joints[-1], end, tolerance))
+        joints.append(_farthest(trace, joints[-1], end, guess, tolerance))
+        guess = joints[-1] - joints[-2]
     even = np.linspace(begin, end, len(joints))
     arcs = [_fit_arc(trace, a, b) for a, b in pairwise(even)]
     if max(error for _, error in arcs) > 0.9 * tolerance:
@@ -168,18 +169,25 @@ def fit_curve(trace: Trace, begin: float, end: float, tolerance: float) -> Curve
     return Curve(controls)
 
 
-def _farthest(trace: Trace, begin: float, end: float, tolerance: float) -> float:
-    """The farthest joint that one arc reaches from `begin`."""
-    if _fit_arc(trace, begin, end)[1] <= 0.9 * tolerance:
+def _farthest(trace: Trace, begin: float, end: float, guess: float, tolerance: float) -> float:
+    """About the farthest joint that one arc reaches from `begin`; `guess` is how far that may be."""
+    good, goal = begin, min(begin + guess, end)
+    while good < goal and _fit_arc(trace, begin, goal)[1] <= 0.9 * tolerance:
+        good, goal = goal, min(begin + 1.7 * (goal - begin), end)
+    if good == end:
         return end
-    good, bad = begin, end
-    for _ in range(9):
+    bad = goal
+    for _ in range(30):
+        if good > begin and bad - good < 0.06 * (good - begin):
+            return good
         middle = (good + bad) / 2
+        if bad - begin < 1e-6 * (end - begin):
+            break
         if _fit_arc(trace, begin, middle)[1] <= 0.9 * tolerance:
             good = middle
         else:
             bad = middle
-    return bad if good == begin else good  # a kink: no arc is short enough, take the shortest tried
+    return bad  # a kink: no arc is short enough, take the shortest tried
 
 
 def _fit_arc(trace: Trace, begin: float, end: float) -> tuple[Float[ndarray, "4 2"], float]:
@@ -189,14 +197,17 @@ def _fit_arc(trace: Trace, begin: float, end: float) -> tuple[Float[ndarray, "4 
     steps = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     t = steps / max(steps[-1], 1e-12)
     arc = np.stack((first, first + leave * steps[-1] / 3, last - arrive * steps[-1] / 3, last))
-    for _ in range(5):
+    for _ in range(4):
+        # only what lies across the arc counts: along it the samples' places give way
+        across = right_of(_unit(_derivative(arc, t)))
         b = _bernstein(t)
-        a1, a2 = b[:, 1, None] * leave, -b[:, 2, None] * arrive
-        rest = points - (b[:, 0] + b[:, 1])[:, None] * first - (b[:, 2] + b[:, 3])[:, None] * last
-        m11, m12, m22 = (a1 * a1).sum(), (a1 * a2).sum(), (a2 * a2).sum()
-        r1, r2 = (a1 * rest).sum(), (a2 * rest).sum()
+        a1, a2 = b[:, 1] * (across @ leave), -b[:, 2] * (across @ arrive)
+        ends = (b[:, 0] + b[:, 1])[:, None] * first + (b[:, 2] + b[:, 3])[:, None] * last
+        rest = (across * (points - ends)).sum(1)
+        m11, m12, m22 = a1 @ a1, a1 @ a2, a2 @ a2
         determinant = m11 * m22 - m12 * m12
-        if determinant > 1e-12 * m11 * m22:
+        if determinant > 1e-10 * m11 * m22:
+            r1, r2 = rest @ a1, rest @ a2
             alpha, beta = (r1 * m22 - r2 * m12) / determinant, (m11 * r2 - m12 * r1) / determinant
             low, high = 1e-3 * steps[-1], 2 * steps[-1]
             if low < alpha < high and low < beta < high:

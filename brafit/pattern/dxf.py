@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,6 +40,7 @@ def write_dxf(path: str | Path, patterns: Sequence[Pattern], style: str) -> None
     """
     unit = patterns[0].options.units
     scale = 1 / UNITS[unit]
+    logging.getLogger("ezdxf").setLevel(logging.WARNING)  # it tells of every table that it makes
     document = Drawing.new("AC1009")
     for layer, number in LAYERS.items():
         document.layers.add(number, color=COLOURS[layer])
@@ -104,13 +106,14 @@ def _piece(block: BlockLayout, piece: CutPiece, pattern: Pattern, name: str, sca
     start, end = piece.grain * scale
     block.add_line(tuple(start), tuple(end), dxfattribs={"layer": LAYERS["grain"]})
     about = [f"Piece Name: {name}", f"Size: {pattern.size}", f"Quantity: {pattern.options.quantity}"]
-    about += [f"Annotation: {words}" for words in piece.label[1:] if not words.startswith("size")]
-    size = piece.label_size
+    about += [f"Annotation: {words}" for words in (*piece.label[1:], *piece.notice) if not words.startswith("size")]
+    size, along = piece.label_size, piece.label_along
+    down, angle = np.array((along[1], -along[0])), float(np.degrees(np.arctan2(along[1], along[0])))
     for row, words in enumerate(about):
-        level = piece.label_at[1] + LINE * size * (len(about) / 2 - row - 1)
         layer = LAYERS["annotation" if words.startswith("Annotation") else "cut"]
-        at = (scale * (piece.label_at[0] - 0.28 * size * len(words)), scale * level)
-        block.add_text(_plain(words), height=0.7 * size * scale, dxfattribs={"layer": layer, "insert": at})
+        at = piece.label_at - 0.28 * size * len(words) * along + LINE * size * (row + 1 - len(about) / 2) * down
+        text = {"layer": layer, "insert": tuple(scale * at), "rotation": angle}
+        block.add_text(_plain(words), height=0.7 * size * scale, dxfattribs=text)
 
 
 def _control_square(block: BlockLayout, scale: float, bottom: float) -> None:

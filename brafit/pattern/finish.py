@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from shapely import Point, Polygon, box, make_valid, unary_union
+from shapely import LineString, Point, Polygon, box, make_valid, unary_union
+from shapely.affinity import rotate
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import polylabel
 from shapely.prepared import prep
@@ -78,7 +80,9 @@ class CutPiece:
         notches, holes: as above.
         grain: the two ends of the grain line.
         label: lines of text; the first is the piece's name.
-        label_at, label_size: middle of the text and height of its letters.
+        notice: further lines below them: the warnings, wrapped.
+        label_at, label_along, label_size: middle of the text, direction of its lines (to the right) and height of its
+            letters.
         warnings: what failed a check.
     """
 
@@ -90,7 +94,9 @@ class CutPiece:
     holes: tuple[Hole, ...]
     grain: Float[ndarray, "2 2"]
     label: tuple[str, ...]
+    notice: tuple[str, ...]
     label_at: Float[ndarray, "2"]
+    label_along: Float[ndarray, "2"]
     label_size: float
     warnings: tuple[str, ...] = ()
 
@@ -114,7 +120,9 @@ class CutPiece:
         return float(_valid(self.sew_outline(_FINE)).area)
 
     def map(self, move: Move) -> CutPiece:
-        """The piece under an isometry; the label stays upright."""
+        """The piece under an isometry; the label stays readable."""
+        at = move(self.label_at[None])[0]
+        along = move((self.label_at + self.label_along)[None])[0] - at
         return replace(
             self,
             sew=tuple(replace(line, curve=line.curve.map(move)) for line in self.sew),
@@ -125,7 +133,8 @@ class CutPiece:
             ),
             holes=tuple(replace(hole, point=move(hole.point[None])[0]) for hole in self.holes),
             grain=move(self.grain),
-            label_at=move(self.label_at[None])[0],
+            label_at=at,
+            label_along=along if along[0] >= -1e-9 else -along,
         )
 
     def mirrored(self) -> CutPiece:
@@ -256,12 +265,24 @@ def _finish(
     holes = [replace(hole, point=hole.point * stretch) for hole in piece.holes]
     holes = [hole for hole in holes if inside.buffer(-2.0).contains(Point(*hole.point))]
     grain = _grain_line(inside, options.grain, holes)
-    label = _label(piece, options, warnings, *names)
+    label, notice = _label(piece, options, *names), _wrapped(warnings)
     taken = [hole.point for hole in holes] + [notch.beside(3.5) for notch in notches if notch.name]
-    at, height = _label_place(inside, label, grain, taken)
+    label, at, along, height = _label_place(inside, label, notice, grain, taken)
     sew = tuple(SewLine(e.name, e.kind, c, w) for e, c, w in zip(piece.edges, eased, widths, strict=True))
     return CutPiece(
-        piece.name, names[1], sew, tuple(cut), tuple(notches), tuple(holes), grain, label, at, height, tuple(warnings)
+        name=piece.name,
+        side=names[1],
+        sew=sew,
+        cut=tuple(cut),
+        notches=tuple(notches),
+        holes=tuple(holes),
+        grain=grain,
+        label=label,
+        notice=notice,
+        label_at=at,
+        label_along=along,
+        label_size=height,
+        warnings=tuple(warnings),
     )
 
 
@@ -450,9 +471,7 @@ def _longest_chord(outline: ndarray, along: ndarray, across: ndarray, level: flo
     return ends[:, None] * along + level * across
 
 
-def _label(
-    piece: Piece, options: PatternOptions, warnings: Sequence[str], name: str, side: Side, size: str, date: str
-) -> tuple[str, ...]:
+def _label(piece: Piece, options: PatternOptions, name: str, side: Side, size: str, date: str) -> tuple[str, ...]:
     kinds = dict.fromkeys(edge.kind for edge in piece.edges)
     allowances = {kind: options.length(options.allowance[kind]) for kind in kinds}
     same = len(set(allowances.values())) == 1
@@ -461,35 +480,61 @@ def _label(
     count = options.quantity
     lines = [piece.name, name, f"{side} cup", f"size {size}", f"cut {count}" + (f" + {count} mirrored" * options.pair)]
     lines += [f"allowance {allowance}", f"ease {ease}" if ease else "no ease", date]
-    lines += [f"WARNING: {words}" for words in warnings]
     return tuple(" ".join(line.split()) for line in lines if line.strip())
+
+
+def _wrapped(warnings: Sequence[str]) -> tuple[str, ...]:
+    return tuple(line for words in warnings for line in textwrap.wrap(f"WARNING: {words}", 30))
 
 
 LINE = 1.3
 """Distance of the lines of a label, in heights of its letters."""
 LETTER = 0.55
 """Width of a letter of a sans-serif face, in its height."""
+_LARGEST, _READABLE, _SMALLEST = 5.0, 2.5, 1.0
 
 
 def _label_place(
-    inside: Polygon, label: Sequence[str], grain: Float[ndarray, "2 2"], others: Sequence[Float[ndarray, "2"]]
-) -> tuple[Float[ndarray, "2"], float]:
-    """Where the label fits best, and its letters' height: at most 5 mm, at least 1 mm."""
-    lengths = [len(line) for line in label if not line.startswith("WARNING")]
-    wide, high = LETTER * max(lengths), LINE * len(label)
-    taken = [Point(*point).buffer(4.0) for point in others] + [box(*grain.min(0) - 2, *grain.max(0) + 2)]
+    inside: Polygon,
+    label: tuple[str, ...],
+    notice: tuple[str, ...],
+    grain: Float[ndarray, "2 2"],
+    others: Sequence[Float[ndarray, "2"]],
+) -> tuple[tuple[str, ...], Float[ndarray, "2"], Float[ndarray, "2"], float]:
+    """The label and where it fits best: middle, direction and height of the letters.
+
+    On a narrow piece where upright lines would become too small to read, lines are joined and turned.
+    """
+    taken: list[BaseGeometry] = [Point(*point).buffer(4.0) for point in others]
+    taken.append(LineString(grain).buffer(2.0))
     free = inside.buffer(-1.5).difference(unary_union(taken))
+    best = (*_roomiest(free, inside, (*label, *notice)), np.array((1.0, 0.0)), label)
+    if best[1] < _READABLE:
+        joined = tuple(", ".join(label[i : i + 3]) for i in range(0, len(label), 3))
+        for angle in (0, 90, 30, -30, 60, -60):
+            along = np.array((math.cos(math.radians(angle)), math.sin(math.radians(angle))))
+            turned = rotate(free, -angle, origin=(0, 0)), rotate(inside, -angle, origin=(0, 0))
+            at, size = _roomiest(*turned, (*joined, *notice))
+            if size > best[1]:
+                best = (at[0] * along + at[1] * np.array((-along[1], along[0])), size, along, joined)
+    at, size, along, lines = best
+    return lines, at, along, size
+
+
+def _roomiest(free: BaseGeometry, inside: Polygon, lines: Sequence[str]) -> tuple[Float[ndarray, "2"], float]:
+    """Middle and height of the letters of level lines of text, as large as fits."""
+    wide, high = LETTER * max(len(line) for line in lines), LINE * len(lines)
     prepared = prep(free)
     parts = [part for part in getattr(free, "geoms", [free]) if part.area > 0] or [inside]
     low, high_corner = np.array(inside.bounds[:2]), np.array(inside.bounds[2:])
-    grid = [low + (high_corner - low) * (x, y) for x in np.linspace(0.15, 0.85, 15) for y in np.linspace(0.2, 0.8, 9)]
+    grid = [low + (high_corner - low) * (x, y) for x in np.linspace(0.1, 0.9, 17) for y in np.linspace(0.15, 0.85, 11)]
     centres = [np.array(polylabel(part, 1.0).coords[0]) for part in parts] + grid
-    best, size = centres[0], 1.0
+    best, size = centres[0], _SMALLEST
     for centre in centres:
         while True:
             larger = size * 1.05
             half = np.array((wide, high)) * larger / 2
-            if larger > 5.0 or not prepared.contains(box(*centre - half, *centre + half)):
+            if larger > _LARGEST or not prepared.contains(box(*centre - half, *centre + half)):
                 break
             best, size = centre, larger
     return best, size

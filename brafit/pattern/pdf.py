@@ -18,7 +18,7 @@ from shapely import Polygon, box
 from brafit import __version__
 from brafit.atomic import replacing
 from brafit.pattern.curve import Curve
-from brafit.pattern.finish import LETTER, LINE, CutPiece, Pattern
+from brafit.pattern.finish import LINE, CutPiece, Pattern
 from brafit.pattern.options import PAPERS, PatternOptions
 from brafit.pattern.piece import Kind, Sheet, layout_columns
 from brafit.pattern.svg import LEGEND, STROKES, arrow_head
@@ -290,14 +290,15 @@ def _grain(canvas: Canvas, piece: CutPiece) -> None:
 
 
 def _label(canvas: Canvas, piece: CutPiece) -> None:
-    x, y = piece.label_at
-    size = piece.label_size
-    room = LETTER * 1.15 * size * max(len(line) for line in piece.label if not line.startswith("WARNING"))
-    for row, words in enumerate(piece.label):
-        level = y + LINE * size * ((len(piece.label) - 1) / 2 - row) - 0.35 * size
-        warning = words.startswith("WARNING")
-        limit = room if warning else None
-        _text(canvas, words, x, level, size, bold=row == 0 or warning, centred=True, room=limit, red=warning)
+    size, lines = piece.label_size, (*piece.label, *piece.notice)
+    canvas.saveState()
+    canvas.translate(*piece.label_at)
+    canvas.rotate(float(np.degrees(np.arctan2(*piece.label_along[::-1]))))
+    for row, words in enumerate(lines):
+        level = LINE * size * ((len(lines) - 1) / 2 - row) - 0.35 * size
+        warning = row >= len(piece.label)
+        _text(canvas, words, 0, level, size, bold=row == 0 or warning, centred=True, red=warning)
+    canvas.restoreState()
 
 
 def _trace(path: PDFPathObject, curves: Sequence[Curve]) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, Literal, Protocol, Self, TypeVar
+from typing import Any, Generic, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -137,13 +137,14 @@ class CupMark:
         return (1 - self.share) * a + self.share * b
 
 
+@runtime_checkable
 class Drawable(Protocol):
     """What can be set on a sheet."""
 
     @property
     def bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]: ...
 
-    def map(self, move: Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]], /) -> Self: ...
+    def map(self, function: Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]], /) -> Any: ...
 
 
 P = TypeVar("P", bound=Drawable)

@@ -17,7 +17,7 @@ from numpy import ndarray
 
 from brafit.atomic import write_bytes
 from brafit.pattern.curve import Curve
-from brafit.pattern.finish import LETTER, LINE, CutPiece, Pattern
+from brafit.pattern.finish import LINE, CutPiece, Pattern
 from brafit.pattern.piece import Kind, layout_columns
 
 SVG, INKSCAPE = "http://www.w3.org/2000/svg", "http://www.inkscape.org/namespaces/inkscape"
@@ -56,7 +56,7 @@ def svg_bytes(patterns: Sequence[Pattern], title: str, note: str = "") -> bytes:
     kinds = {line.kind for piece in sheet.pieces for line in piece.sew}
     warnings = [words for pattern in patterns for words in pattern.warnings]
     head = 12.0 + 6.0 * bool(note)
-    inner = max(sheet.width, CONTROL + GAP + 78.0)
+    inner = max(sheet.width, CONTROL + GAP + 92.0)
     foot = max(CONTROL, 42.0 + 5.5 * len(warnings))
     width, height = inner + 2 * MARGIN, head + sheet.height + GAP + foot + 2 * MARGIN
     root = _document(width, height, title)
@@ -150,31 +150,26 @@ def arrow_head(tip: Float[ndarray, "2"], tail: Float[ndarray, "2"], size: float)
 
 def _label(group: ET.Element, piece: CutPiece) -> None:
     x, y = piece.label_at
-    top = y - LINE * piece.label_size * (len(piece.label) - 1) / 2 + 0.35 * piece.label_size
-    room = LETTER * 1.15 * piece.label_size * max(len(line) for line in piece.label if not line.startswith("WARNING"))
-    for row, words in enumerate(piece.label):
-        warning = words.startswith("WARNING")
-        level = top + LINE * piece.label_size * row
+    lines = (*piece.label, *piece.notice)
+    angle = float(np.degrees(np.arctan2(*piece.label_along[::-1])))
+    top = y - LINE * piece.label_size * (len(lines) - 1) / 2 + 0.35 * piece.label_size
+    for row, words in enumerate(lines):
+        warning = row >= len(piece.label)
         weight = "bold" if row == 0 or warning else "normal"
         colour = "#c00000" if warning else "#000000"
-        limit = room if warning else None
-        _text(group, words, x, level, piece.label_size, room=limit, anchor="middle", weight=weight, colour=colour)
-    for line in piece.sew:
-        for words, distance in (("inner end", 0.0), ("outer end", line.curve.length)):
-            if line is piece.sew[0]:
-                _end_label(group, words, piece, line.curve.at(distance)[0])
+        level = top + LINE * piece.label_size * row
+        line = _text(group, words, x, level, piece.label_size, anchor="middle", weight=weight, colour=colour)
+        if abs(angle) > 1e-6:
+            line.set("transform", f"rotate({_number(angle)} {_number(x)} {_number(y)})")
+    lower = piece.sew[0].curve
+    for words, tip in (("inner end", lower.start), ("outer end", lower.end)):
+        towards = piece.label_at - tip
+        x, y = tip + 11.0 * towards / max(float(np.linalg.norm(towards)), 1e-9)
+        _text(group, words, x, y + 0.7, 2.0, anchor="middle")
     for notch in piece.notches:
         if notch.name:
             x, y = notch.beside(4.0)
             _text(group, notch.name, x, y + 0.7, 2.2, anchor="middle")
-
-
-def _end_label(group: ET.Element, words: str, piece: CutPiece, tip: Float[ndarray, "2"]) -> None:
-    """A small upright text just inside the tip, from where the piece is wide enough to hold it."""
-    low, high = piece.bounds
-    inward = 1.0 if tip[0] < (low + high)[0] / 2 else -1.0
-    x, y = tip[0] + 9.0 * inward, tip[1] + 0.7
-    _text(group, words, x, y, 2.0, anchor="start" if inward > 0 else "end")
 
 
 def _control_square(root: ET.Element, x: float, y: float) -> None:
@@ -238,13 +233,15 @@ def _text(
     weight: str = "normal",
     colour: str = "#000000",
     **attributes: str,
-) -> None:
+) -> ET.Element:
     """A line of text, its letters `size` mm high; smaller where it would be longer than `room`."""
     words = _legal(words)
     if room is not None:  # letters of a sans-serif face are about 0.6 of its size wide
         size = min(size, room / (0.62 * max(len(words), 1)))
     style = {"font-family": "sans-serif", "font-size": _number(size), "font-weight": weight, "text-anchor": anchor}
-    _child(parent, "text", x=_number(x), y=_number(y), fill=colour, **style, **attributes).text = words
+    line = _child(parent, "text", x=_number(x), y=_number(y), fill=colour, **style, **attributes)
+    line.text = words
+    return line
 
 
 def _child(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:

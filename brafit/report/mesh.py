@@ -212,7 +212,9 @@ def _panel_vertices(
     rulings = (1 - share) * lower[1:-1, None] + share * upper[1:-1, None]
     tips = (lower + upper)[[0, -1]] / 2  # the two meet there, up to what the fit left open
     normals = np.repeat(normal[1:-1], strips + 1, axis=0)
-    return np.vstack((tips[:1], rulings.reshape(-1, lower.shape[1]), tips[1:])), np.vstack((normal[:1], normals, normal[-1:]))
+    return np.vstack((tips[:1], rulings.reshape(-1, lower.shape[1]), tips[1:])), np.vstack(
+        (normal[:1], normals, normal[-1:])
+    )
 
 
 def _panel_faces(stations: int, strips: int) -> Int[ndarray, "f 3"]:

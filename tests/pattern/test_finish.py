@@ -1,0 +1,280 @@
+import numpy as np
+import pytest
+import torch
+from lunes import RADIUS, lune_area, lune_cup, lune_flat
+from shapely import LineString, Point, Polygon
+
+from brafit.errors import ConfigError
+from brafit.geometry.development import FlatPanel
+from brafit.pattern import CutPiece, Pattern, PatternOptions, finish, marks_on, pieces_from_panels
+
+HALF = RADIUS * np.pi / 2
+APEX = np.array([RADIUS * np.sin(np.pi / 4), RADIUS, RADIUS * np.sin(np.pi / 4)])
+STRAP = np.array([0.0, RADIUS, RADIUS + 1])
+
+
+def lunes(panels: int = 2, side="left", apex=APEX, figures=None, **options) -> Pattern:
+    marks = marks_on(lune_cup(panels), apex, STRAP)
+    pieces = pieces_from_panels(lune_flat(panels), side, marks)
+    return finish(pieces, PatternOptions(**options), name="lune", side=side, date="2001-02-03", figures=figures)
+
+
+def allowance(wire: float, ridge: float, upper: float) -> dict[str, float]:
+    return {"wire": wire, "ridge": ridge, "upper": upper}
+
+
+def tips_apart(points: np.ndarray, piece: CutPiece, reach: float) -> np.ndarray:
+    """The points that are not near one of the two tips."""
+    lower = piece.sew[0].curve
+    away = np.minimum(*(np.linalg.norm(points - tip, axis=1) for tip in (lower.start, lower.end)))
+    return points[away > reach]
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("panels", [1, 2, 3])
+def test_cut_line_is_the_allowance_away_from_the_sewing_line(panels, side):
+    for piece in lunes(panels, side).pieces:
+        sewn = Polygon(piece.sew_outline(1e-4))
+        cut = piece.cut_outline(1e-3)
+        assert not sewn.contains(LineString(cut))
+        far = tips_apart(cut, piece, 12.5)
+        assert len(far) > 50
+        gaps = [sewn.exterior.distance(Point(*p)) for p in far]
+        np.testing.assert_allclose(gaps, 6.0, atol=0.02)
+        assert piece.warnings == ()
+
+
+def test_whole_outline_against_the_mitred_offset_of_shapely():
+    """Away from the tips, where shapely bevels at another place, both outlines are the same area."""
+    piece = lunes().pieces[0]
+    sewn, cut = Polygon(piece.sew_outline(1e-4)), Polygon(piece.cut_outline(1e-4))
+    buffered = sewn.buffer(6.0, join_style="mitre", quad_segs=64)
+    tips = [Point(*tip).buffer(14.0) for tip in (piece.sew[0].curve.start, piece.sew[0].curve.end)]
+    assert cut.symmetric_difference(buffered).difference(tips[0]).difference(tips[1]).area < 3.0
+
+
+def test_every_edge_has_its_own_allowance():
+    lower, upper = lunes(allowance=allowance(9.0, 4.0, 0.0)).pieces
+    for piece, widths in ((lower, (9.0, 4.0)), (upper, (4.0, 0.0))):
+        cut = LineString(np.vstack((piece.cut_outline(1e-3), piece.cut_outline(1e-3)[:1])))
+        for line, width in zip(piece.sew, widths, strict=True):
+            for distance in np.linspace(30, line.length - 30, 9):
+                assert cut.distance(Point(*line.curve.at(distance)[0])) == pytest.approx(width, abs=0.02)
+
+
+def test_no_allowance_cuts_along_the_sewing_line():
+    for piece in lunes(allowance=allowance(0, 0, 0)).pieces:
+        cut, sewn = Polygon(piece.cut_outline(1e-4)), Polygon(piece.sew_outline(1e-4))
+        assert cut.symmetric_difference(sewn).area < 1e-3
+        assert len(piece.cut) == 2
+
+
+@pytest.mark.parametrize("widths", [(6, 6, 6), (10, 5, 5), (8, 0, 3)])
+def test_sharp_tips_end_straight_at_the_wider_allowance(widths):
+    """Mitred to the full, the allowance would run on for the length of the tip."""
+    for piece in lunes(allowance=allowance(*widths)).pieces:
+        widest = max(line.allowance for line in piece.sew)
+        low, high = piece.bounds
+        start, end = piece.sew[0].curve.start, piece.sew[0].curve.end
+        assert start[0] - low[0] == pytest.approx(widest, abs=0.05)
+        assert high[0] - end[0] == pytest.approx(widest, abs=0.05)
+
+
+def test_matching_notches_are_at_the_same_distance_and_double_towards_the_outer_end():
+    pattern = lunes(3, apex=APEX + np.array((0, 12.0, 0)))
+    assert set(pattern.seams) == {"wire", "ridge 1", "ridge 2", "upper edge"}
+    for below, above in zip(pattern.pieces[:-1], pattern.pieces[1:], strict=True):
+        name = below.sew[1].name
+        sides = [[n for n in piece.notches if n.edge == name] for piece in (below, above)]
+        assert len(sides[0]) == len(sides[1]) >= 2
+        for piece, notches in zip((below, above), sides, strict=True):
+            line = next(line for line in piece.sew if line.name == name)
+            curve = line.curve if line is piece.sew[0] else line.curve.reversed()  # from the inner end
+            dense = LineString(curve.polyline(1e-6))
+            for notch in notches:
+                assert dense.project(Point(*notch.foot)) == pytest.approx(notch.distance, abs=0.01)
+                assert dense.distance(Point(*notch.foot)) < 1e-3
+        for a, b in zip(*sides, strict=True):
+            assert (a.name, a.distance, len(a.ticks)) == (b.name, b.distance, len(b.ticks))
+        matching = [notch for notch in sides[0] if not notch.name]
+        assert [len(notch.ticks) for notch in matching] == [1, 2]
+        assert matching[0].distance < pattern.seams[name][0] / 2 < matching[1].distance
+
+
+def test_notches_begin_on_the_cut_line_and_stay_off_the_sewing_line():
+    for piece in lunes(allowance=allowance(3, 9, 6), notch_depth=4.0).pieces:
+        cut, sewn = Polygon(piece.cut_outline(1e-4)), Polygon(piece.sew_outline(1e-4))
+        for notch in piece.notches:
+            width = next(line.allowance for line in piece.sew if line.name == notch.edge)
+            for root, end in notch.ticks:
+                assert cut.exterior.distance(Point(*root)) < 0.02
+                depth = np.linalg.norm(end - root)
+                assert depth == pytest.approx(min(4.0, 2 * width / 3), abs=1e-6)
+                assert sewn.distance(Point(*end)) == pytest.approx(width - depth, abs=0.02)
+
+
+def test_landmarks_are_marked_where_they_lie():
+    lower, upper = lunes(apex=APEX + np.array((3.0, 12.0, 3.0))).pieces
+    # the lune's ridge is the wire turned: arc length is the angle from the inner end
+    angle = np.arctan2(12.0, RADIUS + np.hypot(3, 3)) + np.pi / 2
+    for piece in (lower, upper):
+        (apex,) = (n for n in piece.notches if n.name == "apex")
+        assert (apex.edge, len(apex.ticks)) == ("ridge", 1)
+        assert apex.distance == pytest.approx(RADIUS * angle, abs=0.05)
+    (strap,) = (n for n in upper.notches if n.name == "strap point")
+    assert strap.distance == pytest.approx(HALF, abs=0.05)
+    np.testing.assert_allclose(strap.foot[0], np.ptp(upper.sew_outline()[:, 0]) / 2, atol=0.05)
+
+
+def test_notches_keep_clear_of_landmarks():
+    seam = 2 * HALF
+    angle = 2 * np.pi / 3 - 0.02
+    apex = RADIUS * np.array([np.sin(angle) / np.sqrt(2), 1 - np.cos(angle), np.sin(angle) / np.sqrt(2)])
+    for piece in lunes(apex=apex).pieces:
+        places = sorted(n.distance for n in piece.notches if n.edge == "ridge")
+        assert np.diff(places).min() > 7.9
+        assert places[-1] > seam * 2 / 3
+
+
+def test_drill_hole_only_where_the_apex_falls_on_the_piece():
+    on_the_ridge = lunes(apex=APEX)
+    assert [len(piece.holes) for piece in on_the_ridge.pieces] == [0, 0]
+    angle = np.pi / 8
+    on_the_lower = lunes(apex=RADIUS * np.array([np.cos(angle), 1.0, np.sin(angle)]))
+    assert [len(piece.holes) for piece in on_the_lower.pieces] == [1, 0]
+    (hole,) = on_the_lower.pieces[0].holes
+    np.testing.assert_allclose(hole.point, (np.ptp(on_the_lower.pieces[0].sew_outline()[:, 0]) / 2, 0), atol=0.05)
+
+
+def test_ease_stretches_pieces_but_not_allowances():
+    plain, eased = lunes(), lunes(ease={"width": -8.0, "height": 5.0})
+    for a, b in zip(plain.pieces, eased.pieces, strict=True):
+        size, stretched = np.ptp(a.sew_outline(), axis=0), np.ptp(b.sew_outline(), axis=0)
+        np.testing.assert_allclose(stretched / size, (0.92, 1.05), atol=1e-6)
+        assert b.area / a.area == pytest.approx(0.92 * 1.05, abs=1e-5)
+        assert "ease width -8 %, height +5 %" in b.label
+        assert "no ease" in a.label
+        low, _ = b.bounds
+        assert b.sew[0].curve.start[0] - low[0] == pytest.approx(6.0, abs=0.02)
+        for m, n in zip(a.notches, b.notches, strict=True):
+            np.testing.assert_allclose(n.foot, m.foot * (0.92, 1.05), atol=1e-9)
+
+
+@pytest.mark.parametrize("grain", [0.0, 30.0, 90.0])
+def test_grain_line_and_label_are_on_the_piece(grain):
+    for piece in lunes(3, grain=grain).pieces:
+        sewn = Polygon(piece.sew_outline(1e-3))
+        start, end = piece.grain
+        angle = np.degrees(np.arctan2(*(end - start)[::-1]))
+        assert angle == pytest.approx(grain, abs=1e-6)
+        assert sewn.contains(LineString(piece.grain))
+        assert np.linalg.norm(end - start) > 15
+        assert sewn.contains(Point(*piece.label_at))
+        assert piece.label_size > 2
+
+
+def test_labels_say_what_a_cutter_needs():
+    pattern = lunes(size="75B", pair=True, quantity=2, allowance=allowance(8, 6, 6))
+    about = ("size 75B", "cut 2 + 2 mirrored", "allowance wire 8.0 mm, ridge 6.0 mm", "no ease", "2001-02-03")
+    assert pattern.pieces[0].label == ("lower panel", "lune", "left cup", *about)
+    inches = lunes(units="inch").pieces[0]
+    assert "allowance 0.24 in" in inches.label
+
+
+def test_pair_is_drawn_as_mirror_images():
+    own, other = lunes(pair=True).drawn
+    for a, b in zip(own, other, strict=True):
+        assert (a.side, b.side) == ("left", "right")
+        assert "right cup" in b.label
+        assert b.label_along[0] > 0
+        np.testing.assert_allclose(b.cut_outline(), a.cut_outline() * (-1, 1))
+    assert len(lunes().drawn) == 1
+
+
+def crossing_panel() -> FlatPanel:
+    x = torch.linspace(0, 100, 41, dtype=torch.float64)
+    wave = torch.sin(x * torch.pi / 50)
+    wave[[0, -1]] = 0
+    return FlatPanel(torch.stack((x, 0 * x), -1), torch.stack((x + 0.3 * wave, 10 * wave), -1))
+
+
+def hollow_panel(radius: float) -> FlatPanel:
+    """A panel whose upper edge has a dent of that radius."""
+    x = torch.linspace(0, 100, 401, dtype=torch.float64)
+    dent = torch.exp(-((x - 50) ** 2) / (2 * 6.0**2)) * 6.0**2 / radius
+    return FlatPanel(torch.stack((x, -x * (100 - x) / 60), -1), torch.stack((x, x * (100 - x) / 60 - dent), -1))
+
+
+def finished(panel: FlatPanel, **options) -> Pattern:
+    return finish(pieces_from_panels([panel]), PatternOptions(**options), name="x", side="left")
+
+
+def test_outline_that_crosses_itself_is_told_on_the_piece():
+    pattern = finished(crossing_panel())
+    assert any("crosses itself" in words for words in pattern.warnings)
+    assert any("crosses itself" in words for words in pattern.pieces[0].warnings)
+    assert "crosses itself" in " ".join(pattern.pieces[0].notice)
+
+
+def test_allowance_that_overlaps_is_trimmed_and_told():
+    tight = finished(hollow_panel(3.0), allowance=allowance(6, 6, 12))
+    assert any("allowance overlaps" in words for words in tight.warnings)
+    cut = Polygon(tight.pieces[0].cut_outline())
+    assert cut.is_valid
+    assert cut.buffer(0.05).contains(Polygon(tight.pieces[0].sew_outline()))
+    wide = finished(hollow_panel(30.0), allowance=allowance(6, 6, 12))
+    assert wide.warnings == ()
+
+
+def test_trimmed_outline_is_that_of_shapely():
+    piece = finished(hollow_panel(3.0), allowance=allowance(8, 8, 8)).pieces[0]
+    buffered = Polygon(piece.sew_outline(1e-3)).buffer(8.0, join_style="mitre", quad_segs=64)
+    tips = [Point(*tip).buffer(20.0) for tip in (piece.sew[0].curve.start, piece.sew[0].curve.end)]
+    gap = Polygon(piece.cut_outline(1e-3)).symmetric_difference(buffered)
+    assert gap.difference(tips[0]).difference(tips[1]).area < 1.0
+
+
+def test_seam_sides_of_different_length_are_told_on_both_pieces():
+    a, b = lune_flat(2)
+    longer = FlatPanel(b.lower * 1.01, b.upper * 1.01)
+    pattern = finish(pieces_from_panels([a, longer]), PatternOptions(), name="x", side="left")
+    assert any("seam 'ridge'" in words and "2.5" in words for words in pattern.warnings)
+    assert all(any("ridge" in words for words in piece.warnings) for piece in pattern.pieces)
+    quiet = finish(pieces_from_panels([a, longer]), PatternOptions(seam_tolerance=3.0), name="x", side="left")
+    assert quiet.warnings == ()
+
+
+def test_pieces_wider_than_the_material_are_told():
+    assert lunes(material_width=260.0).warnings == ()
+    assert all("wider than the material" in words for words in lunes(material_width=250.0).warnings)
+    assert lunes(material_width=100.0, grain=0.0).warnings == ()
+
+
+def test_twisted_panels_are_told():
+    assert lunes(figures={"twist_deg_max": 2.0}).warnings == ()
+    assert any("not truly developable" in words for words in lunes(figures={"twist_deg_max": 4.0}).warnings)
+
+
+def test_areas_and_lengths_of_the_finished_pieces():
+    for piece in lunes().pieces:
+        assert piece.area == pytest.approx(lune_area(2), rel=1e-4)
+        for line in piece.sew:
+            assert line.length == pytest.approx(2 * HALF, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"formats": ["svg", "docx"]}, "pattern.formats=docx"),
+        ({"meshes": ["stl"]}, "pattern.meshes=stl"),
+        ({"units": "cm"}, "pattern.units=cm"),
+        ({"paper": "a0"}, "pattern.paper=a0"),
+        ({"allowance": {"wire": 6.0, "ridge": -1.0, "upper": 6.0}}, "pattern.allowance.ridge=-1"),
+        ({"allowance": {"wire": 6.0}}, "pattern.allowance.ridge=None"),
+        ({"ease": {"width": -80.0, "height": 0.0}}, "pattern.ease.width"),
+        ({"quantity": 0}, "pattern.quantity=0"),
+    ],
+)
+def test_wrong_options_are_refused(options, words):
+    with pytest.raises(ConfigError, match=words):
+        PatternOptions(**options)
