@@ -129,7 +129,7 @@ class Wire(nn.Module):
         series = _fit_series(x, points / scale, chords, smoothing) * scale
         positions, length = _by_arc_length(series)
         wire = _from_samples(positions, length, 0.0)
-        dense = wire.sample(torch.linspace(0, LENGTH, 4001, dtype=torch.float64))[0].numpy() * wire.scale.item()
+        dense = wire.sample(torch.linspace(0, LENGTH, 1001, dtype=torch.float64))[0].numpy() * wire.scale.item()
         off = max(_distance_to_polyline(p, dense) for p in points)
         return Wire(wire.coefficients, wire.scale, torch.tensor([off], dtype=torch.float64))
 

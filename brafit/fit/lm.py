@@ -30,7 +30,7 @@ class LMStage:
     """One stage of the schedule.
 
     Attributes:
-        terms: terms of the cup's series that are free; None: all.
+        terms: terms of the cup's series that are free; None: all its parameters.
         points: points of each cloud that are looked at; None: all.
         steps: steps at most.
         keep: starts per scan that go on after the stage.
@@ -160,12 +160,11 @@ def minimise(
     The damping follows Nielsen (1999): it falls smoothly with the ratio of found to expected decrease, and grows ever faster while steps
     are refused.
     """
-    terms = objective.cup.terms if stage.terms is None else stage.terms
-    columns = objective.cup.columns(terms)
+    columns = objective.cup.columns(stage.terms)
     batch = len(start)
     index = torch.arange(batch, device=start.device)
     place, result = start, start.clone()
-    here = normal_equations(objective, place, pressure, terms)
+    here = normal_equations(objective, place, pressure, stage.terms)
     value, margin = here.value.clone(), here.margin.clone()
     converged = torch.zeros(batch, dtype=torch.bool, device=start.device)
     diverged = ~(here.value.isfinite() & here.matrix.isfinite().all(-1).all(-1))
@@ -187,7 +186,7 @@ def minimise(
         move, expected = _step(here, damping)
         trial = place.clone()
         trial[:, columns] += move
-        there = normal_equations(objective, trial, pressure, terms)
+        there = normal_equations(objective, trial, pressure, stage.terms)
         gain = here.value - there.value
         ratio = gain / expected
         finite = there.value.isfinite() & there.matrix.isfinite().all(-1).all(-1)

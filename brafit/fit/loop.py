@@ -86,7 +86,7 @@ def fit_targets(
     objective = Objective(model, batch, condition, repeated.to(device))
     solution = solver.solve(objective, model.flatten().detach(), callback)
 
-    final = objective.evaluate(solution.flat, Pressure(solution.pressure.penalty)).value
+    final = objective.value(solution.flat, Pressure(solution.pressure.penalty))
     final = torch.where(final.isfinite(), final, torch.inf).view(-1, restarts)
     best = final.argmin(1).cpu() + torch.arange(len(targets)) * restarts
     winners = model.select(best.to(device))
@@ -124,7 +124,7 @@ def _finish(
     shape = in_millimetres(shape, scale)
     flat = flat_panels(shape)
     distances = point_distances(torch.as_tensor(target.points, dtype=torch.float64), shape)
-    dense = wire.sample(torch.linspace(0, LENGTH, 8001, dtype=torch.float64))[0] * scale
+    dense = wire.sample(torch.linspace(0, LENGTH, 2001, dtype=torch.float64))[0] * scale
     neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
     figures = figures_of(shape, flat, distances, neckline, dense, wire.smoothing.item())
     return CupFit(
