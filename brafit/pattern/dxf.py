@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import re
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from ezdxf.layouts.blocklayout import BlockLayout
 from jaxtyping import Float
 from numpy import ndarray
 
-from brafit.atomic import replacing
+from brafit.atomic import write_bytes
 from brafit.pattern.finish import LINE, CutPiece, Pattern
 from brafit.pattern.options import UNITS
 from brafit.pattern.piece import layout_columns
@@ -70,9 +71,10 @@ def write_dxf(path: str | Path, patterns: Sequence[Pattern], style: str) -> None
     for row, words in enumerate(about):
         at = (0, scale * (sheet.height + CONTROL + GAP + 30 - 5 * row))
         model.add_text(_plain(words), height=3 * scale, dxfattribs={"layer": LAYERS["cut"], "insert": at})
-    with replacing(path) as temporary:
-        # The plain exporter writes block definitions for the layouts too, which some apparel systems refuse.
-        gerber_D6673.export_file(document, str(temporary))
+    # The plain exporter writes block definitions for the layouts too, which some apparel systems refuse.
+    text = io.StringIO()
+    gerber_D6673.export_stream(document, text)
+    write_bytes(path, text.getvalue().encode("ascii", errors="dxfreplace"))
 
 
 def block_name(text: str, taken: set[str]) -> str:

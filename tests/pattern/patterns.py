@@ -1,0 +1,33 @@
+"""Finished patterns of closed-form cups for the tests of the writers, and what independent readers measure in them."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+from lunes import RADIUS, lune_cup, lune_flat
+
+from brafit.pattern import Pattern, PatternOptions, Side, finish, marks_on, pieces_from_panels
+
+APEX = np.array([RADIUS * np.sin(np.pi / 4), RADIUS + 7.0, RADIUS * np.sin(np.pi / 4) + 6.0])
+STRAP = np.array([0.0, RADIUS, RADIUS + 1])
+
+
+def pattern(panels: int = 2, side: Side = "left", name: str = "lune", **options) -> Pattern:
+    """Two lunes, the apex on the upper one, so that everything that a piece can bear is there."""
+    marks = marks_on(lune_cup(panels), APEX, STRAP)
+    pieces = pieces_from_panels(lune_flat(panels), side, marks)
+    return finish(pieces, PatternOptions(**options), name=name, side=side, date="2001-02-03")
+
+
+def program(name: str) -> str:
+    """The path of a reader, or the test is skipped."""
+    path = shutil.which(name)
+    if path is None:
+        pytest.skip(f"the program {name} is not installed")
+    return path
+
+
+def polyline_length(points) -> float:
+    return float(np.linalg.norm(np.diff(np.asarray(points, float)[:, :2], axis=0), axis=1).sum())

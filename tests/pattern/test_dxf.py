@@ -1,0 +1,150 @@
+"""DXF files as ezdxf's auditor, GDAL and an npm package read them."""
+
+import json
+import re
+import subprocess
+from collections import Counter
+
+import ezdxf.filemanagement
+import numpy as np
+import pytest
+from patterns import pattern, polyline_length, program
+
+from brafit.pattern.dxf import block_name, write_dxf
+
+SEWN = {"1", "2", "3", "4", "7", "14", "15"}
+
+
+def read(path):
+    document = ezdxf.filemanagement.readfile(path)
+    audit = document.audit()
+    assert audit.errors == []
+    assert audit.fixes == []
+    return document
+
+
+def blocks(document) -> dict:
+    return {insert.dxf.name: document.blocks[insert.dxf.name] for insert in document.modelspace().query("INSERT")}
+
+
+def texts(entities) -> list[str]:
+    return [entity.dxf.text for entity in entities if entity.dxftype() == "TEXT"]
+
+
+@pytest.mark.parametrize(("unit", "millimetres", "name"), [("mm", 1.0, "METRIC"), ("inch", 25.4, "ENGLISH")])
+def test_pieces_layers_and_texts(tmp_path, unit, millimetres, name):
+    made = pattern(units=unit, size="75B")
+    write_dxf(tmp_path / "p.dxf", [made], "anny 05")
+    document = read(tmp_path / "p.dxf")
+    assert document.dxfversion == "AC1009"
+    found = blocks(document)
+    assert set(found) == {"LOWER_PANEL_75B", "UPPER_PANEL_75B", "CONTROL_SQUARE_100MM"}
+    for piece in made.pieces:
+        block = found[f"{piece.name.upper().replace(' ', '_')}_75B"]
+        layers = {entity.dxf.layer for entity in block}
+        assert layers == (SEWN | {"13"} if piece.holes else SEWN)
+        (cut,) = block.query('POLYLINE[layer=="1"]')
+        outline = np.array([v.dxf.location.vec2 for v in cut.vertices]) * millimetres
+        np.testing.assert_allclose(outline[0], outline[-1], atol=1e-6)
+        assert polyline_length(outline) == pytest.approx(sum(c.length for c in piece.cut), abs=0.05)
+        sewn = [
+            polyline_length([v.dxf.location.vec2 for v in line.vertices])
+            for line in block.query('POLYLINE[layer=="14"]')
+        ]
+        np.testing.assert_allclose(np.array(sewn) * millimetres, [line.length for line in piece.sew], atol=0.05)
+        counts = Counter(entity.dxf.layer for entity in block.query("POINT"))
+        assert counts["4"] == sum(len(notch.ticks) for notch in piece.notches)
+        assert counts["13"] == len(piece.holes)
+        assert counts["2"] == 4  # the two ends of each blunt tip
+        assert counts["2"] + counts["3"] == len(outline) - 1
+        assert len(block.query('LINE[layer=="7"]')) == 1
+        words = texts(block)
+        assert {f"Piece Name: {piece.name}", "Size: 75B", "Quantity: 1"} <= set(words)
+        assert any("allowance" in line for line in words)
+    style = texts(document.modelspace())
+    assert {"Style Name: anny 05", f"Units: {name}", "Creation Date: 2001-02-03"} <= set(style)
+    (square,) = found["CONTROL_SQUARE_100MM"].query('POLYLINE[layer=="1"]')
+    corners = np.array([v.dxf.location.vec2 for v in square.vertices]) * millimetres
+    np.testing.assert_allclose(np.ptp(corners, axis=0), (100, 100), atol=1e-9)
+
+
+def test_several_sizes_lie_apart_in_one_file(tmp_path):
+    made = [pattern(size="75B"), pattern(size="80C", name="other"), pattern(size="75B", pair=True)]
+    write_dxf(tmp_path / "p.dxf", made, "nest")
+    found = blocks(read(tmp_path / "p.dxf"))
+    assert len(found) == 2 + 2 + 4 + 1
+    assert {"LOWER_PANEL_75B", "LOWER_PANEL_80C", "LOWER_PANEL_LEFT_75B", "LOWER_PANEL_RIGHT_75B"} <= set(found)
+    boxes = []
+    for block in found.values():
+        (cut,) = block.query('POLYLINE[layer=="1"]')
+        points = np.array([v.dxf.location.vec2 for v in cut.vertices])
+        boxes.append((points.min(0), points.max(0)))
+    for i, (low, high) in enumerate(boxes):
+        for other_low, other_high in boxes[:i]:
+            assert np.maximum(low - other_high, other_low - high).max() > 5
+
+
+def test_block_names_are_fit_for_release_12():
+    taken: set[str] = set()
+    names = [
+        block_name(text, taken) for text in ("lower panel_Größe 胸", "x" * 50, "X" * 50, "", "lower panel_Größe 胸")
+    ]
+    assert len(set(names)) == len(names)
+    assert all(re.fullmatch(r"[A-Z0-9_-]{1,31}", name) for name in names)
+
+
+def test_odd_names_stay_readable_files(tmp_path):
+    write_dxf(tmp_path / "p.dxf", [pattern(name='Größe "胸"\n\x07')], "a\nb\x00")
+    assert len(blocks(read(tmp_path / "p.dxf"))) == 3
+    (tmp_path / "p.dxf").read_text(encoding="ascii")
+
+
+def test_gdal_reads_the_same_lengths(tmp_path):
+    ogr2ogr = program("ogr2ogr")
+    made = pattern()
+    write_dxf(tmp_path / "p.dxf", [made], "lune")
+    options = [
+        "-f",
+        "GeoJSON",
+        "--config",
+        "DXF_INLINE_BLOCKS",
+        "FALSE",
+    ]  # every block by itself, in the layer `blocks`
+    command = [ogr2ogr, *options, tmp_path / "p.json", tmp_path / "p.dxf", "blocks"]
+    subprocess.run(command, check=True, capture_output=True)
+    features = json.loads((tmp_path / "p.json").read_text())["features"]
+    collections = {f["properties"]["Block"]: f["geometry"] for f in features if "geometries" in f["geometry"]}
+    assert set(collections) == {"LOWER_PANEL_LUNE", "UPPER_PANEL_LUNE", "CONTROL_SQUARE_100MM"}
+    lengths = {
+        block: [polyline_length(p["coordinates"]) for p in shape["geometries"] if p["type"] == "LineString"]
+        for block, shape in collections.items()
+    }
+    for piece in made.pieces:
+        cut, grain = sum(c.length for c in piece.cut), float(np.linalg.norm(np.subtract(*piece.grain)))
+        wanted = [cut, *(line.length for line in piece.sew), grain]
+        found = lengths[f"{piece.name.upper().replace(' ', '_')}_LUNE"]
+        np.testing.assert_allclose(sorted(found), sorted(wanted), atol=0.05)
+    assert max(lengths["CONTROL_SQUARE_100MM"]) == pytest.approx(400, abs=1e-9)
+    words = [f["properties"].get("Text") for f in features]
+    assert {"Piece Name: lower panel", "Size: lune", "Quantity: 1"} <= set(words)
+
+
+def test_dxf_parser_reads_the_same_lengths(tmp_path):
+    node = program("node")
+    made = pattern()
+    write_dxf(tmp_path / "p.dxf", [made], "lune")
+    script = (
+        "const m = require('dxf-parser'); const P = m.default || m;"
+        "const d = new P().parseSync(require('fs').readFileSync(process.argv[1], 'utf8'));"
+        "const out = {}; for (const b of Object.values(d.blocks))"
+        " out[b.name] = b.entities.filter(e => e.layer === '14').map(e => e.vertices.map(v => [v.x, v.y]));"
+        "console.log(JSON.stringify(out));"
+    )
+    done = subprocess.run([node, "-e", script, tmp_path / "p.dxf"], capture_output=True, text=True)
+    if "Cannot find module 'dxf-parser'" in done.stderr:
+        pytest.skip("the npm package dxf-parser is not installed (npm install -g dxf-parser, NODE_PATH=$(npm root -g))")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    for piece in made.pieces:
+        lengths = [polyline_length(line) for line in found[f"{piece.name.upper().replace(' ', '_')}_LUNE"]]
+        np.testing.assert_allclose(lengths, [line.length for line in piece.sew], atol=0.05)

@@ -1,0 +1,138 @@
+"""PDF files as poppler renders and converts them."""
+
+import re
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from patterns import pattern, program
+
+from brafit.pattern.options import PAPERS
+from brafit.pattern.pdf import MARGIN, OVERLAP, tile, write_pdf_sheet, write_pdf_tiles
+from brafit.pattern.piece import layout_columns
+from brafit.pattern.svg import STROKES
+
+POINT = 25.4 / 72
+
+
+def pages(path: Path, dpi: float = 254) -> list[np.ndarray]:
+    """Whether each pixel is dark, page by page."""
+    from PIL import Image
+
+    subprocess.run([program("pdftoppm"), "-r", str(dpi), "-gray", "-aa", "no", path, path.with_suffix("")], check=True)
+    files = sorted(path.parent.glob(f"{path.stem}-*.pgm"))
+    return [np.asarray(Image.open(file)) < 128 for file in files]
+
+
+def longest_runs(dark: np.ndarray, least: int) -> list[tuple[int, int, int]]:
+    """Rows with an unbroken dark line of at least that length: row, first and last pixel."""
+    found = []
+    for row in np.nonzero(dark.sum(1) >= least)[0]:
+        steps = np.diff(np.concatenate(([0], dark[row].astype(int), [0])))
+        starts, ends = np.nonzero(steps == 1)[0], np.nonzero(steps == -1)[0] - 1
+        k = int((ends - starts).argmax())
+        if ends[k] - starts[k] + 1 >= least:
+            found.append((int(row), int(starts[k]), int(ends[k])))
+    return found
+
+
+def is_square_of_100_mm(dark: np.ndarray) -> bool:
+    """Two lines of 1000 +- 1 px (and the stroke's width), 1000 +- 1 px apart."""
+    lines = [run for run in longest_runs(dark, 990) if run[2] - run[1] <= 1010]
+    rows = np.array([run[0] for run in lines])
+    groups = np.split(rows, np.nonzero(np.diff(rows) > 1)[0] + 1)
+    spans = [group.mean() for group in groups]
+    apart = min((abs(b - a - 1000) for i, a in enumerate(spans) for b in spans[i + 1 :]), default=1e9)
+    widths = [last - first for _, first, last in lines]
+    return apart <= 1 and any(abs(width - 1000) <= 3 for width in widths)
+
+
+@pytest.mark.parametrize("paper", ["a4", "letter"])
+def test_control_square_of_the_tiled_pages(tmp_path, paper):
+    write_pdf_tiles(tmp_path / "p.pdf", [pattern(paper=paper)], "lune")
+    first = pages(tmp_path / "p.pdf")[0]
+    assert first.shape == pytest.approx(tuple(10 * size for size in PAPERS[paper][::-1]), abs=1)
+    assert is_square_of_100_mm(first)
+    assert is_square_of_100_mm(first.T)
+
+
+def test_control_square_of_the_large_sheet(tmp_path):
+    write_pdf_sheet(tmp_path / "p.pdf", [pattern()], "lune", "a note")
+    (page,) = pages(tmp_path / "p.pdf")
+    assert is_square_of_100_mm(page)
+    assert is_square_of_100_mm(page.T)
+
+
+def test_edge_lengths_as_another_reader_finds_them(tmp_path):
+    elements = pytest.importorskip("svgelements", reason="the SVG reader svgelements is not installed")
+    made = pattern(allowance={"wire": 8.0, "ridge": 5.0, "upper": 0.0})
+    write_pdf_sheet(tmp_path / "p.pdf", [made], "lune")
+    subprocess.run([program("pdftocairo"), "-svg", tmp_path / "p.pdf", tmp_path / "p.svg"], check=True)
+    found: dict[str, list[float]] = {}
+    for path in ElementTree.parse(tmp_path / "p.svg").iter("{http://www.w3.org/2000/svg}path"):
+        curve = abs(elements.Path(path.get("d")) * elements.Matrix(path.get("transform", "")))  # with it carried out
+        colour = re.search(r"stroke:(rgb\([^)]*\))", path.get("style", ""))
+        if colour and curve.length() > 200:
+            found.setdefault(elements.Color(colour[1]).hex, []).append(curve.length(error=1e-6) * POINT)
+    for kind in ("wire", "ridge", "upper"):
+        wanted = [line.length for piece in made.pieces for line in piece.sew if line.kind == kind]
+        np.testing.assert_allclose(sorted(found[STROKES[kind]["stroke"]]), sorted(wanted), atol=0.1)
+
+
+def test_tiles_cover_the_pieces_and_overlap():
+    """Every point of every cut line is on some page, and neighbours share the strip that they are glued by."""
+    made = pattern(pair=True, paper="letter")
+    sheet = layout_columns(made.drawn, 10.0)
+    tiling = tile(sheet, "letter")
+    seen = np.array((tiling.width, tiling.height)) - 2 * MARGIN
+    for piece in sheet.pieces:
+        for point in piece.cut_outline():
+            corners = [np.array((t.x, t.y)) for t in tiling.tiles]
+            shown = [low for low in corners if (point >= low).all() and (point <= low + seen).all()]
+            assert shown
+    names = [t.name for t in tiling.tiles]
+    assert len(set(names)) == len(names)
+    for a in tiling.tiles:
+        for b in tiling.tiles:
+            if (b.row, b.column) == (a.row, a.column + 1):
+                assert a.x + seen[0] - b.x == pytest.approx(OVERLAP)
+            if (b.row, b.column) == (a.row + 1, a.column):
+                assert b.y + seen[1] - a.y == pytest.approx(OVERLAP)
+
+
+def test_same_place_on_two_neighbouring_pages(tmp_path):
+    """What lies in the overlap of two pages is drawn on both, at the places where gluing brings them together."""
+    made = pattern(3, pair=True, paper="letter")
+    write_pdf_tiles(tmp_path / "p.pdf", [made], "lune")
+    shown = pages(tmp_path / "p.pdf", dpi=127)[1:]  # 5 px a mm
+    tiling = tile(layout_columns(made.drawn, 10.0), "letter")
+    assert len(shown) == len(tiling.tiles)
+    by_place = {(t.row, t.column): page for t, page in zip(tiling.tiles, shown, strict=True)}
+    compared = 0
+    border, strip = int(5 * MARGIN), int(5 * OVERLAP)
+    for (row, column), page in by_place.items():
+        for beside, turned in (((row, column + 1), False), ((row + 1, column), True)):
+            other = by_place.get(beside)
+            if other is None:
+                continue
+            a, b = (page.T, other.T) if turned else (page, other)  # the strip at the end of a is that at the start of b
+            along = slice(border + 60, a.shape[0] - border - 60)  # without the frame and the page's name
+            first, second = a[along, -border - strip + 12 : -border - 12], b[along, border + 12 : border + strip - 12]
+            if first.sum() > 50:
+                around = [np.roll(second, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1)]  # rounding to pixels
+                width = min(first.shape[1], second.shape[1]) - 1
+                near = np.any([part[:, 1:width] for part in around], axis=0)
+                assert np.mean(near[first[:, 1:width]]) > 0.9
+                compared += 1
+    assert compared >= 1
+
+
+@pytest.mark.parametrize("name", ["anny_05", "", "Größe 胸 \U0001f600", "a\nb\x07", "x" * 300])
+def test_any_name_makes_a_readable_file(tmp_path, name):
+    write_pdf_tiles(tmp_path / "p.pdf", [pattern(name=name, units="inch")], name, note=name)
+    text = subprocess.run([program("pdftotext"), tmp_path / "p.pdf", "-"], check=True, capture_output=True, text=True)
+    assert "control square" in text.stdout
+    assert "lower panel" in text.stdout
+    assert " in" in text.stdout
