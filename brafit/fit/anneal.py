@@ -43,9 +43,8 @@ class Stage:
         if self.optimiser not in OPTIMISERS:
             raise ValueError(f"unknown optimiser {self.optimiser!r}: allowed are {', '.join(OPTIMISERS)}")
         if self.steps < 0 or not self.penalty > 0 or not self.damping > 0:
-            raise ValueError(
-                f"a stage needs steps >= 0, penalty > 0 and damping > 0, got {self.steps}, {self.penalty}, {self.damping}"
-            )
+            got = f"{self.steps}, {self.penalty}, {self.damping}"
+            raise ValueError(f"a stage needs steps >= 0, penalty > 0 and damping > 0, got {got}")
 
 
 class Anneal:
@@ -79,7 +78,7 @@ class Anneal:
             watch = _Watch(objective.select(live), pressure, callback, f"{number + 1} {stage.optimiser}", done, total)
             if stage.optimiser == "adam":
                 place[live], bad = adam.descend(
-                    lambda p: watch.evaluate(p, None), place[live], stage.steps, stage.rate, callback=watch.report
+                    watch.evaluate, place[live], stage.steps, stage.rate, callback=watch.report
                 )
                 evaluations[live] += stage.steps
             else:
@@ -166,7 +165,7 @@ class _Watch:
         self._subset: tuple[Tensor, Objective, Pressure] | None = None
         self._seen: Evaluation | None = None
 
-    def evaluate(self, place: Tensor, index: Tensor | None) -> tuple[Tensor, Tensor]:
+    def evaluate(self, place: Tensor, index: Tensor | None = None) -> tuple[Tensor, Tensor]:
         objective, pressure = self.objective, self.pressure
         if index is not None and len(index) < objective.cup.batch:
             if self._subset is None or not torch.equal(self._subset[0], index):

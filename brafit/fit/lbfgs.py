@@ -56,6 +56,12 @@ def _inner(a: Tensor, b: Tensor) -> Tensor:
     return (a * b).sum(-1)
 
 
+def _push(stack: Tensor, new: Tensor, where: Tensor) -> Tensor:
+    """A history with `new` as its last entry and the first one dropped, for the problems in `where`."""
+    shifted = torch.cat((stack[:, 1:], new[:, None]), dim=1)
+    return torch.where(where.view(-1, *[1] * (stack.dim() - 1)), shifted, stack)
+
+
 def _direction(state: _State) -> Tensor:
     """-H g by the two-loop recursion over the pairs whose curvature is positive (others are skipped)."""
     q = state.gradient
@@ -157,12 +163,9 @@ def minimise(
         bend = _inner(move, change)
         useful = accepted & (bend > 1e-12 * move.norm(dim=-1) * change.norm(dim=-1))
 
-        def push(stack: Tensor, new: Tensor) -> Tensor:
-            shifted = torch.cat((stack[:, 1:], new[:, None]), dim=1)
-            return torch.where(useful.view(-1, *[1] * (stack.dim() - 1)), shifted, stack)
-
-        state.moves, state.changes = push(state.moves, move), push(state.changes, change)
-        state.curvature = push(state.curvature, 1 / torch.where(useful, bend, 1.0))
+        state.moves = _push(state.moves, move, useful)
+        state.changes = _push(state.changes, change, useful)
+        state.curvature = _push(state.curvature, 1 / torch.where(useful, bend, 1.0), useful)
         small = (state.value - value) <= tolerance * value.abs()
         state.quiet = torch.where(accepted, torch.where(small, state.quiet + 1, 0), state.quiet)
         state.place = torch.where(accepted[:, None], trial, state.place)
@@ -182,7 +185,7 @@ def minimise(
 
         place_out[state.index], value_out[state.index] = state.place, state.value
         done = stuck | (state.quiet >= 2) | (state.slope == 0)
-        converged[state.index] = done
+        converged[state.index] = done & ~(stuck & ~finite)
         if done.any():
             state = state.select(~done)
     return Minimum(place_out, value_out, converged, diverged, evaluations)

@@ -28,7 +28,7 @@ class NelderMead:
         growth: factor of the penalty from round to round, up to `largest`.
         largest: largest penalty.
         tolerance: relative change of the objective between rounds, at one penalty, at which it stops.
-        seconds: time per problem after which it stops wherever it is; None: no limit.
+        seconds: CPU time per problem after which it stops wherever it is; None: no limit.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class NelderMead:
     def _solve_one(
         self, objective: Objective, start: Tensor, position: tuple[int, int], callback: Callback | None
     ) -> tuple[Tensor, dict[str, Tensor], int, ResultCode]:
-        begun, count, last = time.perf_counter(), 0, np.inf
+        begun, count, last = time.process_time(), 0, np.inf
         row, batch = position
         pressure = Pressure(self.penalty)
         x = start.cpu().double().numpy()
@@ -73,8 +73,8 @@ class NelderMead:
 
         def function(a: np.ndarray) -> float:
             nonlocal count
-            if self.seconds is not None and time.perf_counter() - begun > self.seconds:
-                raise _OutOfTime
+            if self.seconds is not None and time.process_time() - begun > self.seconds:
+                raise _OutOfTimeError
             value = objective.value(tensor(a), pressure)
             count += 1
             if callback is not None and count % 100 == 0:
@@ -90,7 +90,7 @@ class NelderMead:
                 minimize(
                     best, x, method="Nelder-Mead", options={"maxfev": self.evaluations, "adaptive": True, "fatol": 1e-9}
                 )
-            except _OutOfTime:
+            except _OutOfTimeError:
                 x = x if best.place is None else best.place
                 break
             if best.place is None:
@@ -111,7 +111,7 @@ class NelderMead:
         return tensor(x)[0], pressure.multipliers, count, code
 
 
-class _OutOfTime(Exception):
+class _OutOfTimeError(Exception):
     """The time of a problem is up."""
 
 

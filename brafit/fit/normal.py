@@ -117,8 +117,8 @@ def gram(
     jacobian: Float[Tensor, "batch m size"], weights: Float[Tensor, "batch m"]
 ) -> Float[Tensor, "batch size size"]:
     """J^T W J, one problem at a time, so that rounding does not depend on the batch."""
-    return torch.stack([j.mT @ (j * w[:, None]) for j, w in zip(jacobian, weights)])
+    return torch.stack([j.mT @ (j * w[:, None]) for j, w in zip(jacobian, weights, strict=True)])
 
 
 def _weighted(jacobian: Tensor, weights: Tensor) -> Float[Tensor, "batch size"]:
-    return torch.stack([w @ j for j, w in zip(jacobian, weights)])
+    return torch.stack([w @ j for j, w in zip(jacobian, weights, strict=True)])

@@ -6,7 +6,6 @@ multipliers.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import partial
 
@@ -45,13 +44,13 @@ class Conditions:
 
     points: str = "l2"
     points_width: float = 0.5
-    neckline: float = 0.3
+    neckline: float = 0.4
     connection: float = 0.01
     connection_width: float = 20.0
     ridge_apex: float = 0.0
     ridge_apex_width: float = 10.0
     margin: float = 0.3
-    margin_width: float = 0.05
+    margin_width: float = 0.03
     barrier: float = 1.0
     smoothness: float = 1e-7
 
@@ -130,6 +129,10 @@ class Objective:
     def select(self, index: Tensor) -> "Objective":
         """The problems with these batch indices."""
         return Objective(self.cup.select(index), self.targets.select(index), self.conditions, self.groups[index])
+
+    def finer(self) -> "Objective":
+        """The same problems with cups on a finer grid."""
+        return Objective(self.cup.finer(), self.targets, self.conditions, self.groups)
 
     def thinned(self, count: int) -> "Objective":
         """The same problems with at most `count` points each."""
