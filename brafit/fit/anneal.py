@@ -129,7 +129,8 @@ def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pr
 
     if closure(place).shape[1] == 0:
         return place
-    transform = whitening(normal_equations(objective, place, pressure).matrix)
+    # damped, so that the least change is no long step in a direction that the objective hardly sees
+    transform = whitening(normal_equations(objective, place, pressure).matrix, damping=1e-4)
     for _ in range(8):
         gap = closure(place)
         jacobian = derivatives(lambda flat: (closure(flat),), place)[0].movedim(0, -1)
