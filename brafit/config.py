@@ -106,6 +106,7 @@ class LMConfig:
     _target_: str = MISSING
     _convert_: str = MISSING
     margin: float = limited(0)
+    apart: float = limited(0)
     stages: list[LMStageConfig] = field(default_factory=list)
 
 
@@ -134,6 +135,12 @@ class ScanConfig:
     points: int | None = limited(10)
     outliers: float | None = field(default=MISSING)
     neighbours: int = limited(2, 1000)
+    side: str | None = one_of("left", "right", "both")
+    units: str | None = one_of("mm", "cm", "in", "m")
+    wire: str | None = MISSING
+    propose: bool = MISSING
+    read_seconds: float = limited(1)
+    mesh_points: int = limited(1000, 20_000_000)
 
 
 @dataclass

@@ -27,7 +27,7 @@ from brafit.report.page import write_index
 from brafit.report.table import format_table, write_fit_json, write_summary
 from brafit.report.tensorboard import Recorder
 from brafit.result import FILES, Result, write_patterns
-from brafit.scan import Scan, find_scans, load_scan, scan_names
+from brafit.scan import Scan, find_scans, load_scan, point_weights, scan_names, uncovered_share
 
 Row = dict[str, Any]
 """One scan's line of summary.csv, see `brafit.report.table.SUMMARY_KEYS`."""
@@ -89,7 +89,7 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     if job.threads is not None:
         torch.set_num_threads(job.threads)
     paths = find_scans(job.scans)
-    scans = list(zip(scan_names(paths), paths, strict=True))
+    scans = _by_side(list(zip(scan_names(paths), paths, strict=True)), job.scan.get("side"))
     batches = [scans[i : i + job.batch] for i in range(0, len(scans), job.batch)]
     rows: list[Row] = []
     nest: list[Pattern] = []
@@ -108,28 +108,35 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     return rows
 
 
+def _by_side(scans: Sequence[tuple[str, Path]], side: str | None) -> list[tuple[str, Path, str | None]]:
+    """Name, file and side of what is fitted: for `both` each scan twice."""
+    if side != "both":
+        return [(name, path, side) for name, path in scans]
+    return [(f"{name}_{which}", path, which) for name, path in scans for which in ("left", "right")]
+
+
 def _run_batch(
-    job: Job, batch: Sequence[tuple[str, Path]], title: str, events: Path, nest: list[Pattern]
+    job: Job, batch: Sequence[tuple[str, Path, str | None]], title: str, events: Path, nest: list[Pattern]
 ) -> list[Row]:
     rows: dict[str, Row] = {}
     loaded: list[Scan] = []
-    for name, path in batch:
+    for name, path, side in batch:
         try:
-            loaded.append(load_scan(path, name=name, **job.scan))
+            loaded.append(load_scan(path, name=name, **{**job.scan, "side": side}))
+            for note in loaded[-1].notes:
+                tqdm.write(f"note: {note}", file=sys.stderr)
         except InputError as error:
             rows[name] = _failed(job, name, str(error))
             tqdm.write(f"failed: {error}", file=sys.stderr)
     if loaded:
         rows |= _fit_batch(job, loaded, title, events, nest)
-    for name, path in batch:
+    for name, path, _ in batch:
         if rows[name]["status"] == "failed":
             _write_failure(job, rows[name], path)
-    return [rows[name] for name, _ in batch]
+    return [rows[name] for name, _, _ in batch]
 
 
-def _fit_batch(
-    job: Job, scans: Sequence[Scan], title: str, events: Path, nest: list[Pattern]
-) -> dict[str, Row]:
+def _fit_batch(job: Job, scans: Sequence[Scan], title: str, events: Path, nest: list[Pattern]) -> dict[str, Row]:
     for stale in events.glob("events.out.tfevents.*"):  # TensorBoard would draw both runs as one
         stale.unlink()
     with Recorder(events) as recorder:
@@ -172,7 +179,7 @@ def _finish(job: Job, scan: Scan, fit: CupFit, recorder: Recorder, nest: list[Pa
     if row["status"] == "ok":
         try:
             result = _result(job, scan, fit, row)
-            extra = {"cleaning": asdict(scan.cleaning), "landmarks": _landmarks(scan)}
+            extra = _scan_facts(scan, fit)
             result.save(job.out / scan.name, extra | _provenance(job, scan.path))
             patterns = pattern_figure(result.patterns(), scan.name)
             view = fit_figure(scan.points, fit.distances, fit.shape, scan.name, _side(scan))
@@ -194,7 +201,7 @@ def _row(job: Job, scan: Scan, fit: CupFit) -> Row:
     # Without a neckline there is no distance from it.
     needed = {key: value for key, value in fit.figures.items() if key != "upper_edge_mm" or scan.neckline is not None}
     missing = [key for key, value in needed.items() if not math.isfinite(_number(value))]
-    if fit.code is ResultCode.DIVERGED:
+    if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED):
         return row
     if missing:
         return row | {"reason": f"{fit.reason}, but not finite: {', '.join(missing)}"}
@@ -228,6 +235,7 @@ def _target(scan: Scan) -> Target:
     return Target(
         name=scan.name,
         points=scan.points,
+        weights=point_weights(scan.points),
         wire=scan.wire,
         neckline=scan.neckline,
         strap_point=scan.strap_point,
@@ -250,6 +258,18 @@ def _result(job: Job, scan: Scan, fit: CupFit, row: Row) -> Result:
     }
     details = {key: row.get(key) for key in ("reason", "cup", "solver", "panels", "terms")}
     return Result(fit, _target(scan), _side(scan), scan.frame, job.pattern, sources, details)
+
+
+def _scan_facts(scan: Scan, fit: CupFit) -> dict[str, Any]:
+    """What became of the scan before the fit, and how much of the cup has no data."""
+    return {
+        "cleaning": asdict(scan.cleaning),
+        "units": asdict(scan.units),
+        "origin": asdict(scan.origin),
+        "notes": list(scan.notes),
+        "uncovered_share": uncovered_share(fit.shape, scan.dense),
+        "landmarks": _landmarks(scan),
+    }
 
 
 def _landmarks(scan: Scan) -> dict[str, Any]:

@@ -147,6 +147,7 @@ class Result:
         pattern = self.patterns()
         details = {
             "code": self.fit.code.name,
+            "warnings": list(self.fit.warnings),
             "edges_mm": {piece.name: {line.name: line.length for line in piece.sew} for piece in pattern.pieces},
             "frame": {"origin": self.frame.origin, "axes": self.frame.axes},
             "parameters": self.fit.parameters,

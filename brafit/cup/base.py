@@ -131,10 +131,12 @@ class Cup(nn.Module, ABC):
         return flat
 
     def refined(self) -> "Cup | None":
-        """The same cups computed on a finer grid; None where the grid makes no difference to whether they are
-        developable.
-        """
+        """The same cups with a finer grid behind `shape_of`; None where no grid makes panels developable."""
         return None
+
+    def finer(self) -> "Cup":
+        """The same cups with a finer grid for the fit; themselves where there is none."""
+        return self
 
     @torch.no_grad()
     def linearise(self, flat: Float[Tensor, "batch size"], terms: int | None = None) -> Linearised:

@@ -54,7 +54,7 @@ class StripsCup(Cup):
         self,
         wire: Wire,
         panels: int = 2,
-        terms: int = 10,
+        terms: int = 12,
         stations: int = 201,
         nodes: int = 48,
         output_nodes: int = 128,
@@ -338,8 +338,14 @@ class StripsCup(Cup):
     def refined(self) -> "StripsCup":
         cup = self.select(torch.arange(self.batch, device=self.stations.device))
         cup._buffers = dict(self._buffers)
+        cup.stations = torch.linspace(0, LENGTH, 2 * len(self.stations) - 1).to(self.stations)
         cup.output_grid = _Grid.of(self.wire, self.terms, 2 * len(self.output_grid.s))
         cup._place_stations()
+        return cup
+
+    def finer(self) -> "StripsCup":
+        cup = self.select(torch.arange(self.batch, device=self.stations.device))
+        cup.grid = _Grid.of(self.wire, self.terms, len(self.grid.s) * 3 // 2)
         return cup
 
 

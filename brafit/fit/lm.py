@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -18,6 +19,7 @@ from brafit.fit.normal import Normal, normal_equations
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.result import ResultCode
 from brafit.fit.solver import Callback, Solution, Step
+from brafit.geometry.developable import regularity
 
 _COMPACT = 0.75
 """Finished problems leave the batch once less than this share of it still runs."""
@@ -73,14 +75,16 @@ class LM:
 
     Args:
         stages: the schedule (`LMStage`s or mappings with their fields).
-        margin: tolerance below the conditions' regularity margin at which the barrier is raised for a problem, tenfold each time.
+        margin: tolerance below the conditions' regularity margin at which the barrier is raised for a problem, tenfold each time, and its
+            fit repeated on a finer grid.
+        apart: how far above the best, in parts of it, the objective of a start must be to count as another optimum.
     """
 
-    def __init__(self, stages: Sequence[LMStage | dict], margin: float = 0.01):
+    def __init__(self, stages: Sequence[LMStage | dict], margin: float = 0.0, apart: float = 0.05):
         if not stages:
             raise ValueError("solver.stages needs at least one stage")
         self.stages = [s if isinstance(s, LMStage) else LMStage(**s) for s in stages]
-        self.margin = margin
+        self.margin, self.apart = margin, apart
 
     def solve(self, objective: Objective, start: Float[Tensor, "batch size"], callback: Callback | None) -> Solution:
         """Minimise every problem of the objective from its start."""
@@ -96,59 +100,81 @@ class LM:
 
         for number, stage in enumerate(self.stages):
             last = number == len(self.stages) - 1
-            for look in range(_LOOKS + 1 if last else 1):
-                running = live if look == 0 else live[low]
+            running, finer = live, False
+            for _ in range(_LOOKS + 1 if last else 1):
                 part = objective.select(running)
+                part = part.finer() if finer else part
+                part = part if stage.points is None else part.thinned(stage.points)
                 targets = part.targets
                 place[running] = part.cup.place_corner(place[running], targets.connection, targets.has_connection)
-                part = part if stage.points is None else part.thinned(stage.points)
                 pressure = Pressure(stage.penalty, {k: v[running] for k, v in multipliers.items()}, barrier[running])
-                name = f"{number + 1} lm"
-                ending = minimise(
-                    part, place[running], pressure, stage, lambda k, t: _tell(callback, name, done + k, total, t)
-                )
+                tell = partial(_tell, callback, f"{number + 1} lm", done, total)
+                ending = minimise(part, place[running], pressure, stage, tell)
                 place[running], value[running] = ending.place, ending.value
                 steps[running] += ending.steps
-                for row, diverged, converged in zip(
-                    running.tolist(), ending.diverged.tolist(), ending.converged.tolist(), strict=True
-                ):
-                    codes[row] = (
-                        ResultCode.DIVERGED
-                        if diverged
-                        else ResultCode.CONVERGED
-                        if converged
-                        else ResultCode.STEP_LIMIT
-                    )
-                if look == 0:
-                    margin = torch.full_like(value, torch.inf)
-                margin[running] = ending.margin
-                low = margin[live] < objective.conditions.margin - self.margin
-                if not low.any():
+                flags = zip(running.tolist(), ending.diverged.tolist(), ending.converged.tolist(), strict=True)
+                for row, diverged, converged in flags:
+                    code = ResultCode.CONVERGED if converged else ResultCode.STEP_LIMIT
+                    codes[row] = ResultCode.DIVERGED if diverged else code
+                if not last:
                     break
-                barrier[live[low]] *= 10
+                running = running[_margins(part, ending.place) < objective.conditions.margin - self.margin]
+                if len(running) == 0:
+                    break
+                barrier[running] *= 10
+                finer = True
             for name, residual in objective.constraints(objective.cup.sketch(place)).items():
                 kept = multipliers.setdefault(name, torch.zeros_like(residual))
                 kept[live] += stage.penalty * residual[live].detach()
             done += stage.steps
             value[value.isnan()] = torch.inf
             if stage.keep is not None:
-                live = _best(live, value, objective.groups, stage.keep, notes)
+                final = stage.keep == min(s.keep for s in self.stages if s.keep is not None)
+                live = self._drop(live, value, objective.groups, stage.keep, codes, notes if final else None)
         pressure = Pressure(self.stages[-1].penalty, multipliers, barrier)
-        return Solution(close(objective, place, pressure), codes, steps, pressure)
+        return Solution(close(objective, place, pressure), codes, steps, pressure, notes)
+
+    def _drop(
+        self,
+        live: Tensor,
+        value: Tensor,
+        groups: Tensor,
+        keep: int,
+        codes: list[ResultCode],
+        notes: list[list[str]] | None,
+    ) -> Tensor:
+        """The best `keep` of each group's live problems; the others are marked, and noted where they had converged elsewhere."""
+        chosen = []
+        for group in groups[live].unique().tolist():
+            own = live[groups[live] == group]
+            order = own[value[own].argsort(stable=True)]
+            chosen.append(order[:keep])
+            best = value[order[0]].item()
+            dropped = order[keep:].tolist()
+            apart = [
+                row
+                for row in dropped
+                if codes[row] is ResultCode.CONVERGED and value[row].item() > (1 + self.apart) * best
+            ]
+            for row in dropped:
+                codes[row] = ResultCode.DROPPED
+            if apart and notes is not None:
+                worst = max(value[row].item() for row in apart) / best - 1
+                words = f"{len(apart)} of the last {len(own)} starts ended in another optimum, up to {worst:.0%} worse"
+                for row in order[:keep].tolist():
+                    notes[row].append(words)
+        return torch.cat(chosen).sort().values
 
 
-def _tell(callback: Callback | None, stage: str, index: int, total: int, terms: dict[str, Tensor]) -> None:
+def _margins(objective: Objective, place: Float[Tensor, "batch size"]) -> Float[Tensor, " batch"]:
+    """Smallest regularity margin of the cups as they are given out."""
+    shape = objective.cup.shape_of(place)
+    return regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions).amin((-2, -1))
+
+
+def _tell(callback: Callback | None, stage: str, done: int, total: int, index: int, terms: dict[str, Tensor]) -> None:
     if callback is not None:
-        callback(Step(stage, index, total, terms))
-
-
-def _best(live: Tensor, value: Tensor, groups: Tensor, keep: int, notes: list[list[str]]) -> Tensor:
-    """The best `keep` of each group's live problems, in order."""
-    chosen = []
-    for group in groups[live].unique().tolist():
-        own = live[groups[live] == group]
-        chosen.append(own[value[own].argsort(stable=True)[:keep]])
-    return torch.cat(chosen).sort().values
+        callback(Step(stage, done + index, total, terms))
 
 
 @torch.no_grad()

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from torch import Tensor
 
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
@@ -20,6 +21,15 @@ from brafit.fit.solver import Callback, Solver
 from brafit.fit.start import start_profiles
 from brafit.fit.targets import Target, Targets
 from brafit.geometry.development import FlatPanel
+
+TWIST_LIMIT = 0.01
+"""Largest twist, in degrees, of panels that are to be exact."""
+MARGIN_TOLERANCE = 0.005
+"""How far the regularity margin may be below its bound."""
+REFINEMENTS = 2
+"""How often the grid of the output is refined where panels twist more."""
+FAR, FAR_SHARE = 5.0, 0.05
+"""A warning is due if more than this share of the points is further than this from the cup, mm."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +46,7 @@ class CupFit:
         parameters: the cup's parameters by name, solver units.
         iterations: evaluations of the objective by the start that won.
         seconds: this scan's share of the batch's time.
+        warnings: what is uncertain about the fit, in plain words.
     """
 
     name: str
@@ -48,6 +59,7 @@ class CupFit:
     parameters: dict[str, list]
     iterations: int
     seconds: float
+    warnings: tuple[str, ...] = ()
 
 
 def fit_targets(
@@ -92,41 +104,71 @@ def fit_targets(
     winners = model.select(best.to(device))
     flat = solution.flat[best.to(device)]
     winners.load_flat(flat)
-    shapes = winners.shape_of(flat.detach())
     seconds = (time.perf_counter() - begun) / len(targets)
     results = []
     for k, target in enumerate(targets):
         row = int(best[k])
-        results.append(
-            _finish(
-                target,
-                shapes.map(lambda v: v[k].detach().cpu().double()),
-                winners.wire.select(torch.tensor([k])).cpu().double(),
-                solution.codes[row],
-                {name: value[k].tolist() for name, value in winners.split(flat).items()},
-                int(solution.iterations[row]),
-                seconds,
-            )
+        one = winners.select(torch.tensor([k], device=device))
+        fit = _finish(
+            target,
+            one,
+            solution.codes[row],
+            {name: value[k].tolist() for name, value in winners.split(flat).items()},
+            int(solution.iterations[row]),
+            seconds,
         )
+        told = solution.warnings[row] if solution.warnings else ()
+        results.append(_judged(fit, one, condition, told))
     return results
 
 
-def _finish(
-    target: Target,
-    shape: CupShape,
-    wire: Wire,
-    code: ResultCode,
-    parameters: dict[str, list],
-    iterations: int,
-    seconds: float,
-) -> CupFit:
+def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -> CupFit:
+    """The fit with its warnings; unresolved, if the model makes exact panels and these are not."""
+    margin, twist = fit.figures["regularity_min"], fit.figures["twist_deg_max"]
+    warnings, faults = list(told), []
+    if margin < condition.margin - MARGIN_TOLERANCE:
+        faults.append(f"the regularity margin is {margin:.3f}, below {condition.margin:g}")
+    far = float((np.abs(fit.distances) > FAR).mean())
+    if far > FAR_SHARE:
+        warnings.append(f"{far:.1%} of the points are more than {FAR:g} mm from the cup")
+    exact = cup.refined() is not None
+    if exact and not twist <= TWIST_LIMIT:
+        faults.append(f"a ruling's normals differ by {twist:.3g} degrees, more than {TWIST_LIMIT:g}")
+    if exact and faults and fit.code is not ResultCode.DIVERGED:
+        code = ResultCode.UNRESOLVED
+        return replace(fit, code=code, reason=f"{code.value}: {'; '.join(faults)}", warnings=(*warnings, *faults))
+    return replace(fit, warnings=(*warnings, *faults))
+
+
+def _measured(cup: Cup, target: Target) -> tuple[CupShape, FlatPanel, Tensor, dict[str, float]]:
+    """Shape in mm, flat panels, distances and figures of one cup."""
+    wire = cup.wire.cpu().double()
     scale = wire.scale.item()
+    shape = cup.shape_of(cup.flatten().detach()).map(lambda v: v[0].detach().cpu().double())
     shape = in_millimetres(shape, scale)
     flat = flat_panels(shape)
     distances = point_distances(torch.as_tensor(target.points, dtype=torch.float64), shape)
     dense = wire.sample(torch.linspace(0, LENGTH, 2001, dtype=torch.float64))[0] * scale
     neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
     figures = figures_of(shape, flat, distances, neckline, dense, wire.smoothing.item())
+    return shape, flat, distances, figures
+
+
+def _finish(
+    target: Target,
+    cup: Cup,
+    code: ResultCode,
+    parameters: dict[str, list],
+    iterations: int,
+    seconds: float,
+) -> CupFit:
+    shape, flat, distances, figures = _measured(cup, target)
+    for _ in range(REFINEMENTS):
+        finer = cup.refined()
+        if finer is None or figures["twist_deg_max"] <= TWIST_LIMIT:
+            break
+        cup = finer
+        shape, flat, distances, figures = _measured(cup, target)
     return CupFit(
         name=target.name,
         code=code,

@@ -11,3 +11,5 @@ class ResultCode(Enum):
     CONVERGED = "converged"
     STEP_LIMIT = "stopped at the step limit before it converged"
     DIVERGED = "diverged: the objective is not a finite number"
+    UNRESOLVED = "not a cup of developable panels"
+    DROPPED = "given up for a better start of the same scan"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -34,12 +34,13 @@ Callback = Callable[[Step], None]
 
 @dataclass(frozen=True)
 class Solution:
-    """Where B problems ended."""
+    """Where B problems ended. `warnings`: what a solver has to say about each, in plain words."""
 
     flat: Float[Tensor, "batch size"]
     codes: list[ResultCode]
     iterations: Int[Tensor, " batch"]
     pressure: Pressure
+    warnings: Sequence[Sequence[str]] = ()
 
 
 class Solver(Protocol):

@@ -24,6 +24,7 @@ class Target:
         neckline: points along the wanted upper edge, inner end first, or None.
         strap_point: where the strap is to be sewn on (the connection point X_C), or None.
         apex: the bust point, or None.
+        weights: share of the surface that each point stands for, or None: all alike.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Target:
     neckline: Float[np.ndarray, "m 3"] | None = None
     strap_point: Float[np.ndarray, "3"] | None = None
     apex: Float[np.ndarray, "3"] | None = None
+    weights: Float[np.ndarray, " n"] | None = None
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,8 @@ class Targets:
         weights = np.zeros(points.shape[:2])
         for row, (target, count) in enumerate(zip(targets, counts, strict=True)):
             points[row, :count], weights[row, :count] = target.points, 1 / count
+            if target.weights is not None:
+                weights[row, :count] = target.weights / target.weights.sum()
         lines = [None if t.neckline is None else resample(t.neckline, _NECKLINE_SAMPLES) for t in targets]
         neckline, has_neckline = optional(lines, np.zeros((_NECKLINE_SAMPLES, 3)))
         connection, has_connection = optional([t.strap_point for t in targets], np.zeros(3))
