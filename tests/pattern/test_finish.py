@@ -6,14 +6,14 @@ from shapely import LineString, Point, Polygon
 
 from brafit.errors import ConfigError
 from brafit.geometry.development import FlatPanel
-from brafit.pattern import CutPiece, Pattern, PatternOptions, finish, marks_on, pieces_from_panels
+from brafit.pattern import CutPiece, Pattern, PatternOptions, Side, finish, marks_on, pieces_from_panels
 
 HALF = RADIUS * np.pi / 2
 APEX = np.array([RADIUS * np.sin(np.pi / 4), RADIUS, RADIUS * np.sin(np.pi / 4)])
 STRAP = np.array([0.0, RADIUS, RADIUS + 1])
 
 
-def lunes(panels: int = 2, side="left", apex=APEX, figures=None, **options) -> Pattern:
+def lunes(panels: int = 2, side: Side = "left", apex=APEX, figures=None, **options) -> Pattern:
     marks = marks_on(lune_cup(panels), apex, STRAP)
     pieces = pieces_from_panels(lune_flat(panels), side, marks)
     return finish(pieces, PatternOptions(**options), name="lune", side=side, date="2001-02-03", figures=figures)

@@ -69,7 +69,7 @@ def test_edge_lengths_as_another_reader_finds_them(tmp_path):
     elements = pytest.importorskip("svgelements", reason="the SVG reader svgelements is not installed")
     made = pattern(allowance={"wire": 8.0, "ridge": 5.0, "upper": 0.0})
     write_pdf_sheet(tmp_path / "p.pdf", [made], "lune")
-    subprocess.run([program("pdftocairo"), "-svg", tmp_path / "p.pdf", tmp_path / "p.svg"], check=True)
+    subprocess.run([program("pdftocairo"), "-svg", "-noshrink", tmp_path / "p.pdf", tmp_path / "p.svg"], check=True)
     found: dict[str, list[float]] = {}
     for path in ElementTree.parse(tmp_path / "p.svg").iter("{http://www.w3.org/2000/svg}path"):
         curve = abs(elements.Path(path.get("d")) * elements.Matrix(path.get("transform", "")))  # with it carried out

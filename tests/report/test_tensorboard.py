@@ -9,7 +9,7 @@ from tensorboard.plugins.custom_scalar import layout_pb2
 from tensorboard.util import tensor_util
 
 from brafit.fit.solver import Step
-from brafit.pattern import pieces_from_panels
+from brafit.pattern import PatternOptions, finish, pieces_from_panels
 from brafit.report.figures import pattern_figure
 from brafit.report.tensorboard import DOTS, Recorder
 
@@ -72,8 +72,9 @@ def test_long_fits_are_thinned_but_every_stage_begins(tmp_path):
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_images_and_mesh_of_a_scan(tmp_path, side):
     points, distances = sphere_points(700)
+    made = finish(pieces_from_panels(lune_flat()), PatternOptions(), name="anny", side="left")
     with Recorder(tmp_path) as recorder:
-        recorder.images("anny Ü", patterns=pattern_figure(pieces_from_panels(lune_flat()), "anny"))
+        recorder.images("anny Ü", patterns=pattern_figure(made, "anny"))
         recorder.mesh("anny Ü", lune_cup(n=21), points, distances, side)
     read = events(tmp_path)
     (image,) = read.Images("anny Ü/patterns")
