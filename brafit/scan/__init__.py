@@ -1,10 +1,12 @@
 """Scans: finding, reading, checking and cleaning clouds, and turning them into the cup frame."""
 
+from brafit.scan.body import proposed_landmarks
 from brafit.scan.clean import Cleaning, clean
+from brafit.scan.coverage import point_weights, uncovered_share
 from brafit.scan.find import find_scans, scan_names
 from brafit.scan.frame import CupFrame
 from brafit.scan.landmarks import Landmarks, landmarks_path, read_landmarks
-from brafit.scan.load import Scan, load_scan
+from brafit.scan.load import Origin, Scan, load_scan
 from brafit.scan.read import Cloud, read_cloud
 
 __all__ = [
@@ -12,12 +14,16 @@ __all__ = [
     "Cloud",
     "CupFrame",
     "Landmarks",
+    "Origin",
     "Scan",
     "clean",
     "find_scans",
     "landmarks_path",
     "load_scan",
+    "point_weights",
+    "proposed_landmarks",
     "read_cloud",
     "read_landmarks",
     "scan_names",
+    "uncovered_share",
 ]

@@ -1,2 +1,291 @@
-def propose(cloud):
-    raise NotImplementedError
+"""A standing torso: its axes, and landmarks proposed from its shape alone, for a person to look at and correct.
+
+Rules and figures are those of 14 breasts (parametric bodies, a mean of standing scans, one person).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
+
+from brafit.errors import InputError
+from brafit.scan.clean import averaged, inliers, tidy
+from brafit.scan.crease import Wire, concavity, laid, trace
+from brafit.scan.crop import mean_normal, neckline_over
+from brafit.scan.landmarks import SIDES, Landmarks, landmarks_path
+from brafit.scan.surface import Surface, settle
+from brafit.scan.symmetry import mirror_of
+
+WHOLE, COARSE, DENSE = 60_000, 6_000, 24_000
+"""Points that are looked at: of the whole body, about a breast for a first look, and for good."""
+LEAN = np.radians(6.5)
+"""The long axis of a standing trunk leans back by so much."""
+LEVEL = np.radians(6.0)
+"""An axis of the scan that is so near to the vertical found is the vertical: scanners stand level."""
+TRUNK = 40.0
+"""Half width (mm) of the strip about the mirror plane that holds no arm."""
+BREAST_OUT = (25.0, 160.0)
+"""Distance of an apex from the mirror plane, mm."""
+PROTRUDING = np.array([0.42, 0.09, 0.90])
+"""Direction (outwards, up, front) in which an apex sticks out farthest."""
+CAP = 4.0
+AREOLA, CONVEX = 20.0, 0.03
+"""Radius (mm) in which the apex is the centre of what is convex, and how convex."""
+STRAP_UP, STRAP_OUT = 0.97, (0.762, 0.6, 0.46)
+"""The strap point's height above the wire's bottom over the span; its place along the chord over the span: mean, and
+slope by the apex's place less that one's mean."""
+MIN_HOLLOW = 0.012
+"""Less concavity along the wire found than this is no breast."""
+BREAST_AXES = np.array([[0.18, -0.95, 0.23], [0.88, 0.05, -0.47], [0.43, 0.28, 0.85]])
+"""Mean axes x, y, z of the cup frames (left) in the body's (outwards, up, front)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Axes of a standing body: unit vectors to the wearer's left, up and to the front, and the mirror plane's offset
+    along the first."""
+
+    left: Float[np.ndarray, "3"]
+    up: Float[np.ndarray, "3"]
+    front: Float[np.ndarray, "3"]
+    offset: float
+
+    def outwards(self, side: str) -> Float[np.ndarray, "3 3"]:
+        """Rows: outwards, up, front, for a side; right-handed for the left one, mirrored for the right one."""
+        return np.stack([self.left if side == "left" else -self.left, self.up, self.front])
+
+    def breast_axes(self, side: str) -> Float[np.ndarray, "3 3"]:
+        """Rows: x, y, z of the frame in which `brafit.scan.crease` works, about a breast of this side."""
+        q, r = np.linalg.qr(BREAST_AXES.T)
+        return (q * np.sign(np.diag(r))).T @ self.outwards(side)
+
+
+@dataclass(frozen=True, eq=False)
+class _Breast:
+    """What was found of one breast, in the scan's frame."""
+
+    body: Body
+    side: str
+    apex: np.ndarray
+    wire: Wire
+    strap: np.ndarray
+    upper_line: np.ndarray
+
+
+def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Landmarks]:
+    """Landmarks of both breasts of a standing torso (mm), marked as proposed: apex, wire and its ends, strap point,
+    upper line.
+
+    Raises:
+        InputError: no breast was found.
+    """
+    points = _sketch(points)
+    body = _best(points)
+    found = [_breast(points, body, side) for side in SIDES]
+    return [
+        Landmarks(
+            path=landmarks_path(path),
+            name=path.stem,
+            side=breast.side,
+            wire=breast.wire.wire,
+            upper_line=breast.upper_line,
+            points={
+                "inner_end": breast.wire.wire[0],
+                "outer_end": breast.wire.wire[-1],
+                "wire_bottom": _lowest(breast.wire.wire, breast.body.up),
+                "apex": breast.apex,
+                "strap_point": breast.strap,
+            },
+            units="mm",
+            proposed=True,
+        )
+        for breast in _checked(path, found)
+    ]
+
+
+def body_from_marks(
+    ends: Float[np.ndarray, "2 3"], below: Float[np.ndarray, "3"], front: Float[np.ndarray, "3"], side: str
+) -> Body:
+    """Axes from a breast's own marks, where there is no whole torso: the wire's ends, a direction that leads down from
+    the middle between them, and one that leads out of the chest.
+
+    The cup's mean axes (`BREAST_AXES`) are turned back into the body's.
+    """
+    y = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    z = front - (front @ y) * y
+    z /= np.linalg.norm(z)
+    x = below - (below @ y) * y - (below @ z) * z
+    x /= np.linalg.norm(x)
+    q, r = np.linalg.qr(BREAST_AXES.T)
+    outwards, up, forward = (q * np.sign(np.diag(r))) @ np.stack([x, y, z])
+    return Body(outwards if side == "left" else -outwards, up, forward, 0.0)
+
+
+def body_of(points: Float[np.ndarray, "n 3"]) -> Body:
+    """Axes of a standing torso (mm): of the four ways in which up and front can be, the one that shows breasts best."""
+    return _best(_sketch(points))
+
+
+def _sketch(points: np.ndarray) -> np.ndarray:
+    """The whole body thinned, without strays."""
+    thinned = averaged(points, WHOLE)
+    return thinned[inliers(thinned, 16, 2.0)]
+
+
+def _best(points: np.ndarray) -> Body:
+    def plainness(body: Body) -> float:
+        apex, surface = _apex(points, body, "left", COARSE)
+        return _wire(surface, apex, body, "left").hollow + _wire_above(surface, apex, body)
+
+    return max(_candidates(points), key=plainness)
+
+
+def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
+    """Less, the hollower it is above the breast instead of below it: mean concavity there, negative."""
+    hollow = concavity(surface, 14.0)
+    away = surface.points - apex
+    above = (away @ body.up > 40) & (away @ body.up < 90) & (np.abs(away @ body.left) < 40)
+    return -float(np.clip(hollow[above], 0, None).mean()) if above.any() else -1.0
+
+
+def _checked(path: Path, found: list[_Breast]) -> list[_Breast]:
+    if max(breast.wire.hollow for breast in found) < MIN_HOLLOW:
+        remedy = "It must be a standing torso, seen from all sides; else mark the landmarks by hand"
+        raise InputError(path, "no breast with a crease under it was found", remedy)
+    return found
+
+
+def _candidates(points: np.ndarray) -> list[Body]:
+    """Bodies with each choice of up and front."""
+    mirror = mirror_of(points)
+    left = mirror.normal
+    strip = points[np.abs(points @ left - mirror.offset) < TRUNK]
+    strip = strip - np.median(strip, axis=0)
+    strip = strip - np.outer(strip @ left, left)
+    strip = strip[np.linalg.norm(strip, axis=1) < 4 * np.median(np.linalg.norm(strip, axis=1))]
+    along = np.linalg.eigh(strip.T @ strip)[1][:, 2]
+    bodies = []
+    for up_sign in (1.0, -1.0):
+        for front_sign in (1.0, -1.0):
+            front = front_sign * np.cross(left, along)
+            up = up_sign * along
+            # The trunk's axis leans back: the vertical is that much farther to the front.
+            up = np.cos(LEAN) * up + np.sin(LEAN) * front
+            axis = max((s * e for e in np.eye(3) for s in (1, -1)), key=lambda axis: float(axis @ up))
+            if axis @ up > np.cos(LEVEL):
+                up = axis - (axis @ left) * left
+                up = up / np.linalg.norm(up)
+            front = front - (front @ up) * up
+            front = front / np.linalg.norm(front)
+            towards_left = np.cross(up, front)
+            bodies.append(Body(towards_left, up, front, float(mirror.offset * (towards_left @ left))))
+    return bodies
+
+
+def _breast(points: np.ndarray, body: Body, side: str) -> _Breast:
+    apex, surface = _apex(points, body, side)
+    wire = _wire(surface, apex, body, side)
+    strap = _strap(surface, wire.wire, apex, body, side)
+    front = mean_normal(surface, apex, 12.0)
+    upper = neckline_over(surface, wire.wire[0], strap, wire.wire[-1], front)
+    return _Breast(body, side, apex, wire, strap, upper)
+
+
+def _about(points: np.ndarray, place: np.ndarray, outward: np.ndarray, dense: int, radius: float = 190.0) -> Surface:
+    """The tidied surface within a radius of a place, in the scan's frame."""
+    near = points[np.linalg.norm(points - place, axis=1) < radius]
+    surface = tidy(near, dense=dense).surface
+    if surface is None:
+        return Surface(near, np.tile(outward, (len(near), 1)), 1.0)
+    turned = np.sign(np.median(surface.normals @ outward) or 1.0)
+    return Surface(surface.points, turned * surface.normals, surface.spacing)
+
+
+def _apex(points: np.ndarray, body: Body, side: str, dense: int = DENSE) -> tuple[np.ndarray, Surface]:
+    """The bust point: the middle of the cap that sticks out farthest, then of what is most convex there."""
+    axes = body.outwards(side)
+    offset = body.offset if side == "left" else -body.offset
+    out = points @ axes[0] - offset
+    height = points @ body.up
+    trunk = np.abs(out) < BREAST_OUT[1]
+    low, high = np.quantile(height[trunk], (0.02, 0.98))
+    # Within the middle of the height of a torso; of a whole body, the upper part.
+    zone = (out > BREAST_OUT[0]) & (out < BREAST_OUT[1]) & (height > low + 0.25 * (high - low)) & (height < high)
+    candidate = points[zone]
+    direction = PROTRUDING @ axes
+    reach = candidate @ direction
+    cap = candidate[reach > np.quantile(reach, 0.9995) - CAP]
+    apex = np.median(cap, axis=0)
+    surface = _about(points, apex, body.front, dense)
+    convex = np.clip(-concavity(surface, max(8.0, 3 * surface.spacing)) - CONVEX, 0, None)
+    for _ in range(12):
+        near = np.linalg.norm(surface.points - apex, axis=1) < AREOLA
+        total = convex[near].sum()
+        if total <= 0:
+            break
+        apex = (convex[near, None] * surface.points[near]).sum(axis=0) / total
+    apex = settle(surface, apex[None], max(6.0, 2 * surface.spacing))[0][0]
+    return apex, surface
+
+
+def _wire(surface: Surface, apex: np.ndarray, body: Body, side: str, ends: np.ndarray | None = None) -> Wire:
+    """The wire found, in the scan's frame."""
+    axes = body.breast_axes(side)
+    local = Surface((surface.points - apex) @ axes.T, surface.normals @ axes.T, surface.spacing)
+    found = trace(local, None if ends is None else (ends - apex) @ axes.T)
+    return Wire(found.wire @ axes + apex, found.guessed, found.hollow)
+
+
+def wire_about(
+    points: Float[np.ndarray, "n 3"],
+    body: Body,
+    side: str,
+    apex: Float[np.ndarray, "3"],
+    ends: Float[np.ndarray, "2 3"] | None = None,
+) -> Wire:
+    """The wire found in the crease of the breast with this apex (scan's frame, mm)."""
+    return _wire(_about(points, apex, body.front, DENSE), apex, body, side, ends)
+
+
+def wire_laid(
+    points: Float[np.ndarray, "n 3"], body: Body, side: str, apex: Float[np.ndarray, "3"], arc: Float[np.ndarray, "k 2"]
+) -> Wire:
+    """A rigid planar wire (depth below its chord, place along it) laid best under this apex (scan's frame, mm)."""
+    surface, axes = _about(points, apex, body.front, DENSE), body.breast_axes(side)
+    found = laid(Surface((surface.points - apex) @ axes.T, surface.normals @ axes.T, surface.spacing), arc)
+    return Wire(found.wire @ axes + apex, found.guessed, found.hollow)
+
+
+def apex_of(points: Float[np.ndarray, "n 3"], body: Body, side: str) -> Float[np.ndarray, "3"]:
+    """The bust point of a side, see `_apex`."""
+    return _apex(_sketch(points), body, side)[0]
+
+
+def _lowest(wire: np.ndarray, up: np.ndarray) -> np.ndarray:
+    return wire[(wire @ up).argmin()]
+
+
+def _strap(surface: Surface, wire: np.ndarray, apex: np.ndarray, body: Body, side: str) -> np.ndarray:
+    """Where the strap meets the upper line: by the span, above the wire's bottom and along its chord."""
+    chord = wire[-1] - wire[0]
+    span = float(np.linalg.norm(chord))
+    mean, slope, usual = STRAP_OUT
+    along = np.clip(mean + slope * (float((apex - wire[0]) @ chord) / span**2 - usual), 0.5, 0.95) * span**2
+    outwards, up, front = body.outwards(side)
+    place = wire[0] + 0.5 * chord
+    place = place + (STRAP_UP * span - (place - _lowest(wire, up)) @ up) * up
+    # Outwards until the place along the chord is right, as deep as the body is there: the foremost surface.
+    for _ in range(8):
+        place = place + (along - (place - wire[0]) @ chord) / (outwards @ chord) * outwards
+        away = surface.points - place
+        aside = np.hypot(away @ outwards, away @ up)
+        ray = (aside < max(8.0, 3 * surface.spacing)) & (surface.normals @ front > 0)
+        if not ray.any():
+            return surface.points[KDTree(surface.points).query(place)[1]]
+        foremost = away[ray] @ front
+        place = place + np.median(foremost[foremost > foremost.max() - 8.0]) * front
+    return settle(surface, place[None], max(6.0, 2 * surface.spacing))[0][0]

@@ -127,7 +127,7 @@ def tidy(
     flag = np.ones(len(points), dtype=bool) if inside is None else inside
     thinned = 0
     if inside is None and len(points) > dense:
-        points = _averaged(_cloud(points), _edge_for(points, dense))
+        points = averaged(points, dense)
         flag, thinned = np.ones(len(points), dtype=bool), read - len(points)
     order = np.lexsort((flag, *points.T[::-1]))
     points, flag = points[order], flag[order]
@@ -257,6 +257,11 @@ def _voxel_for(points: np.ndarray, count: int) -> tuple[float, np.ndarray]:
         if len(averaged) <= SLACK * count or coarse / fine < 1 + 1e-6:
             break
     return fine, best
+
+
+def averaged(points: Float[np.ndarray, "n 3"], dense: int) -> Float[np.ndarray, "m 3"]:
+    """Means of the points in voxels, about `dense` of them; fewer points stay as they are."""
+    return points if len(points) <= dense else _averaged(_cloud(points), _edge_for(points, dense))
 
 
 def _edge_for(points: np.ndarray, dense: int) -> float:

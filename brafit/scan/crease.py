@@ -23,7 +23,7 @@ SHAPE = np.array([
 ])  # fmt: skip
 """A wire at equal steps of arc length: depth below its chord over its height, place along the chord over its span. Mean
 of the wires of 14 breasts; standard deviation at most 0.018 and 0.027."""
-SPAN, RATIO, TURN = (140.0, 18.0), (0.46, 0.05), (0.0, 6.0)
+SPAN, RATIO, TURN = (142.0, 22.0), (0.46, 0.05), (0.0, 6.0)
 """Usual value and spread of span (mm), height over span, and turn in the frame (degrees)."""
 APEX_DOWN, APEX_OUT = (0.22, 0.05), (0.46, 0.07)
 """Where the apex lies in the wire's frame, over the span: below the chord and from the inner end."""
@@ -40,6 +40,8 @@ HOLLOW = 0.03
 DEEPEST = 0.15
 """More concavity than this says nothing more."""
 PIXEL, HALF = 2.0, 170.0
+UNSEEN = -0.02
+"""Counted as the concavity where no points are: no reason to lay a wire there."""
 REACH, OFF_COST = 14.0, 0.03
 """How far (mm) the crease may lie off the usual shape, and what that costs, in units of concavity."""
 STATIONS = 61
@@ -121,6 +123,46 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
     return Wire(_even(wire, COUNT), guessed, float(np.clip(strength, 0, DEEPEST).mean()))
 
 
+def laid(surface: Surface, arc: Float[np.ndarray, "k 2"]) -> Wire:
+    """A rigid planar wire laid where it runs along hollow places best, in the plane that the chest makes under it.
+
+    Args:
+        surface: the points about the apex, in the breast frame.
+        arc: the wire: depth below its chord and place along it, mm.
+    """
+    surface = surface.select(np.linalg.norm(surface.points, axis=1) < HALF)
+    hollow = concavity(surface, max(SCALE, 4 * surface.spacing))
+    image = _image(surface.points, hollow)
+    span, depth = float(arc[-1, 1]), float(arc[:, 0].max())
+    shape = arc / np.array([depth, span])
+    starts = [
+        _Placed(-down * span + x, -out * span + y, span, depth / span, turn)
+        for down, out in ((APEX_DOWN[0], APEX_OUT[0]),)
+        for x in np.arange(-30.0, 31.0, 6.0)
+        for y in np.arange(-30.0, 31.0, 6.0)
+        for turn in (-8.0, 0.0, 8.0)
+    ]
+
+    def score(placed: _Placed) -> float:
+        return float(_sample(image, placed.points(shape)).mean()) - PRIOR * placed.cost()
+
+    placed = max(starts, key=score)
+    line = placed.points(shape)
+    strength = _sample(image, line)
+    heights = _lifted(line, strength, None, surface.points, hollow)[:, 2]
+    # The plane through these heights, with the arc's own plan kept rigid in it.
+    slope = np.linalg.lstsq(np.column_stack([line, np.ones(len(line))]), heights, rcond=None)[0]
+    normal = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1 + slope[0] ** 2 + slope[1] ** 2)
+    bottom = np.append(line.mean(axis=0), heights.mean())
+    chord = np.append(line[-1] - line[0], 0.0)
+    along = chord - (chord @ normal) * normal
+    along /= np.linalg.norm(along)
+    down = np.cross(along, normal)
+    flat = arc - arc.mean(axis=0)
+    wire = bottom + flat[:, :1] * down + flat[:, 1:] * along
+    return Wire(wire, float((strength < HOLLOW).mean()), float(np.clip(strength, 0, DEEPEST).mean()))
+
+
 def concavity(surface: Surface, radius: float) -> Float[np.ndarray, " n"]:
     """How hollow the surface is at each point: the height of the mean of the points within `radius` over the middle of
     the inner ones, along the mean normal, over the radius. 0 on a plane, -radius/(4 R) and less on a sphere of radius
@@ -148,12 +190,12 @@ def _image(points: np.ndarray, hollow: np.ndarray) -> np.ndarray:
     size = int(2 * HALF / PIXEL)
     cell = np.floor((points[:, :2] + HALF) / PIXEL).astype(int)
     good = ((cell >= 0) & (cell < size)).all(axis=1)
-    image = np.full((size, size), -DEEPEST)
+    image = np.full((size, size), -np.inf)
     np.maximum.at(image, tuple(cell[good].T), np.clip(hollow[good], -DEEPEST, DEEPEST))
-    seen = image > -DEEPEST
+    seen = np.isfinite(image)
     value = ndimage.gaussian_filter(np.where(seen, image, 0.0), 1.5)
     share = ndimage.gaussian_filter(seen.astype(float), 1.5)
-    return np.where(share > 0.05, value / np.maximum(share, 0.05), 0.0)
+    return np.where(share > 0.05, value / np.maximum(share, 0.05), UNSEEN)
 
 
 def _sample(image: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -289,7 +331,3 @@ def _even(line: np.ndarray, count: int) -> np.ndarray:
     """Points at equal steps of arc length."""
     arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     return np.stack([np.interp(np.linspace(0, arc[-1], count), arc, column) for column in line.T], axis=1)
-
-
-def detect_wire(cloud, marks):
-    raise NotImplementedError

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from brafit.errors import ConfigError, InputError
-from brafit.scan.body import propose
+from brafit.scan.body import Body, apex_of, body_from_marks, body_of, proposed_landmarks, wire_about, wire_laid
 from brafit.scan.checks import check_scan, is_one_breast, polyline_length
 from brafit.scan.clean import Cleaning, Tidy, check_settings, finish, tidy
-from brafit.scan.crease import detect_wire
+from brafit.scan.crease import Wire
 from brafit.scan.crop import mean_normal, neckline_over
 from brafit.scan.frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end
 from brafit.scan.landmarks import Landmarks, landmarks_path, read_landmarks
@@ -20,13 +20,16 @@ from brafit.scan.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud,
 from brafit.scan.surface import surface_of
 from brafit.scan.symmetry import mirror_of
 from brafit.scan.units import MILLIMETRES, NAMES, Units, body_unit, cloud_unit, wire_unit
-from brafit.scan.wires import place_wire, wire_size
+from brafit.scan.wires import wire_size
 
 REGION = 1.1
 """What lies farther than this many wire lengths from the middle of the wire is not looked at."""
 MIRROR_RMS = 3.0
 """Largest rms (mm) between a body and its mirror image at which marks are carried over to its other side."""
 SYMMETRIC_POINTS = 60_000
+WIRE_POINTS = 51
+TORSO_SIZE = 450.0
+"""Least diagonal (mm) of a torso's box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +95,7 @@ def load_scan(
     side: str | None = None,
     units: str | None = None,
     wire: str | None = None,
-    propose_marks: bool = False,
+    propose: bool = False,
     read_seconds: float = READ_SECONDS,
     mesh_points: int = MESH_POINTS,
 ) -> Scan:
@@ -108,7 +111,7 @@ def load_scan(
             says, else found.
         wire: None: as the landmark file has it, detected where it has none; `detect`: always detected; a size of
             `brafit.scan.wires`: a wire of that size, placed best.
-        propose_marks: propose landmarks where there is no landmark file.
+        propose: propose landmarks where there is no landmark file.
         read_seconds, mesh_points: see `read_cloud`.
 
     Raises:
@@ -123,7 +126,7 @@ def load_scan(
     if wire not in (None, "detect"):
         wire_size(wire)
     raw = read_cloud(path, seconds=read_seconds, mesh_points=mesh_points)
-    cloud, marks, said = _with_marks(raw, side, units, propose_marks)
+    cloud, marks, said = _with_marks(raw, side, units, propose)
     notes = [f"{path.name}: {note}" for note in _unit_notes(said)]
     marks_origin = "proposed" if marks.proposed else "given"
     if side is not None and marks.side != side:
@@ -182,11 +185,11 @@ def _with_marks(raw: Cloud, side: str | None, units: str | None, wanted: bool) -
     if not path.exists() and wanted:
         unit = units or body_unit(raw.path, raw.points)
         cloud = _scaled(raw, MILLIMETRES[unit])
-        marks = propose(cloud)
+        marks = proposed_landmarks(cloud.path, cloud.points)
         return (
             cloud,
             next(mark for mark in marks if mark.side == (side or "left")),
-            Units(unit, unit, _found(units, "body")),
+            Units(unit, unit, "" if units else "the depth of the body"),
         )
     if not path.exists():
         remedy = f"Write {path.name} (brafit-inspect proposes one), or set scan.propose=true"
@@ -195,7 +198,8 @@ def _with_marks(raw: Cloud, side: str | None, units: str | None, wanted: bool) -
     unit, found = _marks_unit(raw, marks, units)
     factor = MILLIMETRES[unit]
     marks = marks.mapped(lambda p: p * factor, units="mm")
-    of_cloud = units or cloud_unit(raw.points, marks.positions()) or unit
+    placed = marks.positions()
+    of_cloud = units or (cloud_unit(raw.points, placed) if len(placed) > 3 else None) or unit
     if of_cloud != unit:
         found = "how the landmarks lie on the cloud"
     return _scaled(raw, MILLIMETRES[of_cloud]), marks, Units(of_cloud, unit, found)
@@ -225,6 +229,9 @@ def _unit_notes(units: Units) -> list[str]:
 
 def _other_side(cloud: Cloud, marks: Landmarks, side: str) -> Landmarks:
     """The marks of one breast carried over to the other."""
+    if float(np.linalg.norm(np.ptp(cloud.points, axis=0))) < TORSO_SIZE:
+        cause = f"side={side}: it marks the {marks.side} breast, and the cloud is no whole torso"
+        raise InputError(marks.path, cause, f"Set scan.side={marks.side}, or scan.side=null for what each file marks")
     mirror = mirror_of(cloud.points[:: max(1, len(cloud.points) // SYMMETRIC_POINTS)])
     flipped = marks.mapped(mirror, side=side)
     away = float(np.median(np.linalg.norm(flipped.positions() - marks.positions(), axis=1)))
@@ -238,12 +245,47 @@ def _with_wire(cloud: Cloud, marks: Landmarks, wire: str | None) -> tuple[Landma
     """Marks that have a wire, where it comes from and the share of it that is guessed."""
     if wire is None and marks.wire is not None:
         return marks, "proposed" if marks.proposed else "given", None
+    body, apex = _body_and_apex(cloud, marks)
+    ends = [marks.points.get(name) for name in ("inner_end", "outer_end")]
     if wire in (None, "detect"):
-        found = detect_wire(cloud, marks)
-        return replace(marks, wire=found.wire), "detected", found.guessed
-    placed = place_wire(cloud, marks, wire_size(str(wire)))
-    changes = {"inner_end": placed.wire[0], "outer_end": placed.wire[-1]}
-    return replace(marks, wire=placed.wire, points={**marks.points, **changes}), f"size {wire}", placed.guessed
+        both = None if ends[0] is None or ends[1] is None else np.stack([ends[0], ends[1]])
+        found, origin = wire_about(cloud.points, body, marks.side, apex, both), "detected"
+    else:
+        arc = wire_size(str(wire)).arc(WIRE_POINTS)
+        found, origin = wire_laid(cloud.points, body, marks.side, apex, arc), f"size {wire}"
+    changes = {"inner_end": found.wire[0], "outer_end": found.wire[-1], "apex": apex}
+    upper = _joined(marks.upper_line, found)
+    return replace(marks, wire=found.wire, upper_line=upper, points={**marks.points, **changes}), origin, found.guessed
+
+
+def _body_and_apex(cloud: Cloud, marks: Landmarks) -> tuple[Body, np.ndarray]:
+    """The body's axes, from the whole torso or from the breast's marks, and the apex."""
+    inner, outer, apex = (marks.points.get(name) for name in ("inner_end", "outer_end", "apex"))
+    bottom, strap = marks.points.get("wire_bottom"), marks.points.get("strap_point")
+    if inner is not None and outer is not None and apex is not None and (bottom is not None or strap is not None):
+        middle = (inner + outer) / 2
+        below = bottom - middle if bottom is not None else middle - np.asarray(strap)
+        # The apex lies before the chest, but also below the chord's middle: only what is across counts.
+        front = apex - middle
+        front = front - (front @ below) / (below @ below) * below
+        return body_from_marks(np.stack([inner, outer]), below, front, marks.side), apex
+    size = float(np.linalg.norm(np.ptp(cloud.points, axis=0)))
+    if size < TORSO_SIZE:
+        remedy = "Give wire, or landmarks inner_end, outer_end, apex and strap_point; or scan the whole torso"
+        raise InputError(marks.path, "wire: missing, and the cloud is no torso in which to find it", remedy)
+    body = body_of(cloud.points)
+    return body, apex_of(cloud.points, body, marks.side) if apex is None else apex
+
+
+def _joined(upper: np.ndarray | None, found: Wire) -> np.ndarray | None:
+    """A given upper line with its ends brought to the ends of a wire that was found."""
+    if upper is None:
+        return None
+    flipped = np.linalg.norm(upper[0] - found.wire[0]) > np.linalg.norm(upper[0] - found.wire[-1])
+    line = upper[::-1].copy() if flipped else upper.copy()
+    share = np.linspace(0, 1, len(line))[:, None]
+    first, last = np.clip(1 - 3 * share, 0, 1), np.clip(3 * share - 2, 0, 1)
+    return line + first * (found.wire[0] - line[0]) + last * (found.wire[-1] - line[-1])
 
 
 def _present(marks: Landmarks) -> np.ndarray:
