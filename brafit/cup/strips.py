@@ -1,8 +1,8 @@
 """Cup model B, "strips": developable by construction. Panels have the parameters, and each panel makes the next edge.
 
-Per panel: the angle at which it leaves its lower edge in the middle, and series for the rib angle and the logarithm of the ruling length. See
-`brafit.geometry.strip` for the equations. Both ends of all edges meet in the wire's ends, and developability holds, up to the spectral
-error of the nodes; no constraint is left.
+Per panel: the angle at which it leaves its lower edge in the middle, and series for the rib angle and the logarithm of
+the ruling length. See `brafit.geometry.strip` for the equations. Both ends of all edges meet in the wire's ends, and developability holds, up
+to the spectral error of the nodes; no constraint is left.
 """
 
 from __future__ import annotations
@@ -43,11 +43,12 @@ class StripsCup(Cup):
         output_nodes: Chebyshev nodes of the output: as many as make it exact.
 
     Parameters:
-        angle (B, panels): phi_0, the angle by which each panel leaves the reference normal in the middle of its lower edge: the chest's normal at the
-            wire, the panel below at the ridges.
+        angle (B, panels): phi_0, the angle by which each panel leaves the reference normal in the middle of its lower
+            edge: the chest's normal at the wire, the panel below at the ridges.
         rib (B, panels, terms): series of the rib angle before its bound.
         length (B, panels, terms): series of log(t / (1 - x^2)), t the ruling length, x in [-1, 1] along the wire.
-        corner (B, 2): c and x0 of the term c |x - x0| (rounded off) in the last panel's log length: the upper edge may have one corner.
+        corner (B, 2): c and x0 of the term c |x - x0| (rounded off) in the last panel's log length: the upper edge may
+            have one corner.
     """
 
     def __init__(
@@ -88,7 +89,9 @@ class StripsCup(Cup):
         return self._panel_columns(terms).sort().values
 
     def _panel_columns(self, terms: int | None) -> Int[Tensor, " columns"]:
-        """Panel by panel: angle, rib, length; last the corner's height, and its place only with `terms` None (all parameters)."""
+        """Panel by panel: angle, rib, length; last the corner's height, and its place only with `terms` None (all
+        parameters).
+        """
         count = self.terms if terms is None else min(terms, self.terms)
         each = torch.arange(count, device=self.stations.device)
         parts = []
@@ -102,7 +105,9 @@ class StripsCup(Cup):
     def place_corner(
         self, flat: Float[Tensor, "batch size"], points: Float[Tensor, "batch 3"], given: Bool[Tensor, " batch"]
     ) -> Float[Tensor, "batch size"]:
-        """The parameters with a corner that is still flat moved to the ruling whose upper end is nearest to a point, where one is given."""
+        """The parameters with a corner that is still flat moved to the ruling whose upper end is nearest to a point,
+        where one is given.
+        """
         shape = self.sketch(flat)
         away = (shape.edges[:, -1] - points[:, None]).square().sum(-1)
         place = self.grid.x[away.argmin(-1)].clamp(-0.8, 0.8)
@@ -168,7 +173,8 @@ class StripsCup(Cup):
         nodes, at = self._shape(self.output_grid, panels), self._to_stations
         directions = unit(apply(at, nodes.directions))
         edges, tangents = apply(at, nodes.edges[:, :-1]), apply(at, nodes.tangents[:, :-1])
-        # The upper edge may have a corner, which no polynomial follows: what it is made of is smooth, and its lengths are evaluated here.
+        # The upper edge may have a corner, which no polynomial follows: what it is made of is smooth, and its lengths
+        # are evaluated here.
         last = panels[-1]
         x = 2 * self.stations / LENGTH - 1
         basis, basis_slope = _basis(self.terms, x)
@@ -196,7 +202,9 @@ class StripsCup(Cup):
 
     @torch.no_grad()
     def linearise(self, flat: Float[Tensor, "batch size"], terms: int | None = None) -> Linearised:
-        """The cups at the nodes and their derivatives, in closed form: the linearised equations of `brafit.geometry.strip`."""
+        """The cups at the nodes and their derivatives, in closed form: the linearised equations of
+        `brafit.geometry.strip`.
+        """
         grid, columns = self.grid, self._panel_columns(terms)
         terms = self.terms if terms is None else min(terms, self.terms)
         n, batch = len(grid.s), len(flat)
@@ -312,7 +320,9 @@ class StripsCup(Cup):
 
     @torch.no_grad()
     def start(self, angles: Float[Tensor, "batch panels"], reaches: Float[Tensor, "batch panels"]) -> None:
-        """Rulings at right angles to the edges, and each ruling length a single bump, such that the middle ruling's ends are at these places."""
+        """Rulings at right angles to the edges, and each ruling length a single bump, such that the middle ruling's
+        ends are at these places.
+        """
         grid = self.grid
         middle = len(grid.s) // 2
         profile = torch.stack((reaches * torch.cos(angles), reaches * torch.sin(angles)), dim=-1)
@@ -351,8 +361,8 @@ class StripsCup(Cup):
 
 @dataclass(frozen=True)
 class _Panel:
-    """One panel at the nodes: rates of its lower edge, the edge and its unit tangent, tanh of the rib angle's series and the series' slope, slope of
-    the ruling length, scalars, frame."""
+    """One panel at the nodes: rates of its lower edge, the edge and its unit tangent, tanh of the rib angle's series
+    and the series' slope, slope of the ruling length, scalars, frame."""
 
     rates: Rates
     lower: Tensor
@@ -379,7 +389,9 @@ class _Panel:
 
 
 class _Grid(nn.Module):
-    """Nodes with their operators and bases, and the wires there: positions, reference frame (V the chest's normal made orthogonal to T), rates."""
+    """Nodes with their operators and bases, and the wires there: positions, reference frame (V the chest's normal made
+    orthogonal to T), rates.
+    """
 
     s: Tensor
     x: Tensor

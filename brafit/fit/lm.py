@@ -1,7 +1,7 @@
 """Batched Levenberg-Marquardt: every problem has its own damping, acceptance and end.
 
-Each stage frees more terms of the cup's series. Early stages see a thinned cloud and all starts; after a stage only the best starts of
-each scan go on.
+Each stage frees more terms of the cup's series. Early stages see a thinned cloud and all starts; after a stage only
+the best starts of each scan go on.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ class LM:
 
     Args:
         stages: the schedule (`LMStage`s or mappings with their fields).
-        margin: tolerance below the conditions' regularity margin at which the barrier is raised for a problem, tenfold each time, and its
-            fit repeated on a finer grid.
+        margin: tolerance below the conditions' regularity margin at which the barrier is raised for a problem, tenfold
+            each time, and its fit repeated on a finer grid.
         apart: how far above the best, in parts of it, the objective of a start must be to count as another optimum.
     """
 
@@ -143,7 +143,9 @@ class LM:
         codes: list[ResultCode],
         notes: list[list[str]] | None,
     ) -> Tensor:
-        """The best `keep` of each group's live problems; the others are marked, and noted where they had converged elsewhere."""
+        """The best `keep` of each group's live problems; the others are marked, and noted where they had converged
+        elsewhere.
+        """
         chosen = []
         for group in groups[live].unique().tolist():
             own = live[groups[live] == group]
@@ -183,8 +185,8 @@ def minimise(
 ) -> Minimum:
     """Minimise every problem by the terms that are free in the stage.
 
-    The damping follows Nielsen (1999): it falls smoothly with the ratio of found to expected decrease, and grows ever faster while steps
-    are refused.
+    The damping follows Nielsen (1999): it falls smoothly with the ratio of found to expected decrease, and grows ever
+    faster while steps are refused.
     """
     columns = objective.cup.columns(stage.terms)
     batch = len(start)
@@ -206,7 +208,7 @@ def minimise(
         if running.sum() < _COMPACT * len(index):
             keep = running.nonzero()[:, 0]
             index, place, damping, growth = index[keep], place[keep], damping[keep], growth[keep]
-            here = here.map(lambda v: v[keep])
+            here = here.map(partial(torch.index_select, dim=0, index=keep))
             objective, pressure = objective.select(keep), pressure.select(keep)
             running = running[keep]
         move, expected = _step(here, damping)

@@ -1,20 +1,24 @@
-"""Developable strips built edge by edge: the Darboux frame of a panel integrated along a given edge, and the next edge's rates.
+"""Developable strips built edge by edge: the Darboux frame of a panel integrated along a given edge, and the next
+edge's rates.
 
 Along an edge X(s) runs a reference frame (T, U, V), right-handed, T the unit tangent; its rates are per s:
-speed = |X'|, k1 = T'.U, k2 = T'.V, w = U'.V. A panel leaves the edge turned by phi about T: xi = U cos(phi) + V sin(phi), eta = V cos(phi) - U sin(phi),
-with rulings d = -T sin(alpha) + xi cos(alpha) of length t. With ' = d/ds,
+speed = |X'|, k1 = T'.U, k2 = T'.V, w = U'.V. A panel leaves the edge turned by phi about T: xi = U cos(phi) + V
+sin(phi), eta = V cos(phi) - U sin(phi), with rulings d = -T sin(alpha) + xi cos(alpha) of length t. With ' = d/ds,
 
     omega_xi = k1 sin(phi) - k2 cos(phi),  omega_eta = k1 cos(phi) + k2 sin(phi),  omega_zeta = phi' + w,
 
-and the panel is developable exactly where omega_zeta = -omega_xi tan(alpha), (12), an equation for phi alone. Then d, d_max = T cos(alpha) + xi
-sin(alpha) and eta turn as d' = -spin d_max and eta' = bend d_max with spin = alpha' + omega_eta and bend = omega_xi / cos(alpha), so that
+and the panel is developable exactly where omega_zeta = -omega_xi tan(alpha), (12), an equation for phi alone. Then d,
+d_max = T cos(alpha) + xi sin(alpha) and eta turn as d' = -spin d_max and eta' = bend d_max with spin = alpha' +
+omega_eta and bend = omega_xi / cos(alpha), so that
 
     (X + t d)' = p d + q d_max,  p = t' - speed sin(alpha),  q = speed cos(alpha) - t spin.
 
-With beta = atan2(-p, q) the next edge's frame is T1 = -d sin(beta) + d_max cos(beta), U1 = d cos(beta) + d_max sin(beta), V1 = eta, and its rates are
-k1 = spin - beta', k2 = -bend cos(beta), w = -bend sin(beta): a chain of panels needs scalar functions only.
+With beta = atan2(-p, q) the next edge's frame is T1 = -d sin(beta) + d_max cos(beta), U1 = d cos(beta) + d_max
+sin(beta), V1 = eta, and its rates are k1 = spin - beta', k2 = -bend cos(beta), w = -bend sin(beta): a chain of panels
+needs scalar functions only.
 
-Functions of s are sampled on Chebyshev nodes. Matrices are applied problem by problem, so that rounding does not depend on the batch.
+Functions of s are sampled on Chebyshev nodes. Matrices are applied problem by problem, so that rounding does not
+depend on the batch.
 """
 
 from __future__ import annotations
@@ -123,8 +127,9 @@ def roll(
 ) -> tuple[Values, Float[Tensor, "*batch"]]:
     """phi along an edge, and the largest residual of its integral equation.
 
-    Solves phi = start + integral of -w - (k1 sin(phi) - k2 cos(phi)) slope by Newton's method; each step's linear equation has an integrating
-    factor, hence a closed form. The iterations run without gradients; one more step makes the result differentiable.
+    Solves phi = start + integral of -w - (k1 sin(phi) - k2 cos(phi)) slope by Newton's method; each step's linear
+    equation has an integrating factor, hence a closed form. The iterations run without gradients; one more step makes
+    the result differentiable.
 
     Args:
         slope: tan(alpha).
