@@ -5,11 +5,12 @@ from brafit.scan.clean import Cleaning, clean
 from brafit.scan.coverage import point_weights, uncovered_share
 from brafit.scan.find import find_scans, scan_names
 from brafit.scan.frame import CupFrame
-from brafit.scan.landmarks import Landmarks, landmarks_path, read_landmarks
+from brafit.scan.landmarks import Landmarks, landmarks_path, landmarks_text, read_breasts, read_landmarks
 from brafit.scan.load import Origin, Scan, load_scan
-from brafit.scan.read import Cloud, read_cloud
+from brafit.scan.read import FORMATS, Cloud, read_cloud
 
 __all__ = [
+    "FORMATS",
     "Cleaning",
     "Cloud",
     "CupFrame",
@@ -19,9 +20,11 @@ __all__ = [
     "clean",
     "find_scans",
     "landmarks_path",
+    "landmarks_text",
     "load_scan",
     "point_weights",
     "proposed_landmarks",
+    "read_breasts",
     "read_cloud",
     "read_landmarks",
     "scan_names",

@@ -96,6 +96,7 @@ def load_scan(
     units: str | None = None,
     wire: str | None = None,
     propose: bool = False,
+    landmarks: str | Path | None = None,
     read_seconds: float = READ_SECONDS,
     mesh_points: int = MESH_POINTS,
 ) -> Scan:
@@ -112,6 +113,7 @@ def load_scan(
         wire: None: as the landmark file has it, detected where it has none; `detect`: always detected; a size of
             `brafit.scan.wires`: a wire of that size, placed best.
         propose: propose landmarks where there is no landmark file.
+        landmarks: the landmark file, if it is not beside the cloud.
         read_seconds, mesh_points: see `read_cloud`.
 
     Raises:
@@ -126,7 +128,9 @@ def load_scan(
     if wire not in (None, "detect"):
         wire_size(wire)
     raw = read_cloud(path, seconds=read_seconds, mesh_points=mesh_points)
-    cloud, marks, said = _with_marks(raw, side, units, propose)
+    cloud, marks, said = _with_marks(
+        raw, landmarks_path(path) if landmarks is None else Path(landmarks), side, units, propose
+    )
     notes = [f"{path.name}: {note}" for note in _unit_notes(said)]
     marks_origin = "proposed" if marks.proposed else "given"
     if side is not None and marks.side != side:
@@ -179,9 +183,10 @@ def _check_choice(key: str, value: str | None, choices: tuple[str, ...]) -> None
         raise ConfigError(f"scan.{key}: {value}, but it must be one of {', '.join(choices)}")
 
 
-def _with_marks(raw: Cloud, side: str | None, units: str | None, wanted: bool) -> tuple[Cloud, Landmarks, Units]:
+def _with_marks(
+    raw: Cloud, path: Path, side: str | None, units: str | None, wanted: bool
+) -> tuple[Cloud, Landmarks, Units]:
     """Cloud and marks in millimetres."""
-    path = landmarks_path(raw.path)
     if not path.exists() and wanted:
         unit = units or body_unit(raw.path, raw.points)
         cloud = _scaled(raw, MILLIMETRES[unit])

@@ -1,0 +1,169 @@
+"""The command `brafit-inspect`: looks at scans before they are fitted, proposes what is missing, draws what it found.
+
+For each scan a PNG with landmarks, wire, upper line, what is cut out and what was removed, and a landmark file to be
+corrected by hand.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+
+from brafit.atomic import write_text
+from brafit.errors import BrafitError, InputError
+from brafit.scan import (
+    FORMATS,
+    Landmarks,
+    Scan,
+    find_scans,
+    landmarks_path,
+    landmarks_text,
+    load_scan,
+    proposed_landmarks,
+    read_breasts,
+    read_cloud,
+    scan_names,
+)
+from brafit.scan.units import MILLIMETRES, body_unit
+
+ALL_OK, SOME_FAILED, NOTHING_RAN = 0, 1, 2
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry of the console script; exit status as `brafit`'s."""
+    options = _parser().parse_args(arguments)
+    try:
+        paths = _paths(options.scans)
+    except BrafitError as error:
+        print(f"brafit-inspect: {error}", file=sys.stderr)
+        sys.exit(NOTHING_RAN)
+    done = 0
+    for name, path in zip(scan_names(paths), paths, strict=True):
+        try:
+            print(inspect_scan(path, name, options.out, options.side, options.units, options.wire, options.beside))
+            done += 1
+        except BrafitError as error:
+            print(f"failed: {error}", file=sys.stderr)
+    sys.exit(ALL_OK if done == len(paths) else SOME_FAILED if done else NOTHING_RAN)
+
+
+def inspect_scan(
+    path: Path,
+    name: str,
+    out: Path,
+    side: str | None = None,
+    units: str | None = None,
+    wire: str | None = None,
+    beside: bool = False,
+) -> str:
+    """Inspect one scan, write its picture and its landmark file; gives a line that says what was found.
+
+    Args:
+        out: folder for NAME_SIDE.png and NAME.json.
+        side: `left`, `right` or `both`; None: what its landmark file marks, both where there is none.
+        units, wire: as of `load_scan`.
+        beside: write a landmark file beside a scan that has none.
+
+    Raises:
+        InputError: one line naming file, cause and remedy.
+    """
+    from brafit.report.figures import save_figure
+
+    given = landmarks_path(path).is_file()
+    marks_file = landmarks_path(path) if given else out / f"{name}.json"
+    if not given:
+        write_text(marks_file, landmarks_text(_proposed(path, units)))
+    marked = [marks.side for marks in read_breasts(marks_file)]
+    sides = {"both": ["left", "right"], None: marked}.get(side, [str(side)])
+    scans = [load_scan(path, name=name, side=one, units=units, wire=wire, landmarks=marks_file) for one in sides]
+    if given:
+        write_text(out / f"{name}.json", landmarks_text([_landmarks(scan, units) for scan in scans]))
+    elif beside:
+        write_text(landmarks_path(path), marks_file.read_text(encoding="utf-8"))
+    for scan in scans:
+        save_figure(_figure(scan), out / f"{name}_{scan.side}.png", dpi=110)
+    found = "; ".join(f"{scan.side}: {_facts(scan)[0]}" for scan in scans)
+    return f"{name}: {found} -> {out / name}_*.png"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="brafit-inspect", description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("scans", nargs="+", help="files, folders or patterns; in folders also scans without landmarks")
+    parser.add_argument("--out", type=Path, default=Path("inspection"), help="folder of the results (inspection)")
+    parser.add_argument("--side", choices=("left", "right", "both"), help="default: as the landmark file marks it")
+    parser.add_argument("--units", choices=tuple(MILLIMETRES), help="default: found")
+    parser.add_argument("--wire", help="detect, or a size; default: as given, detected where missing")
+    parser.add_argument("--beside", action="store_true", help="write landmark files beside scans that have none")
+    return parser
+
+
+def _paths(entries: Sequence[str]) -> list[Path]:
+    """The scans meant, in folders those without landmark file as well."""
+    found: list[str | Path] = []
+    for entry in entries:
+        folder = Path(entry)
+        found += [f for f in sorted(folder.iterdir()) if f.suffix.lower() in FORMATS] if folder.is_dir() else [entry]
+    if not found:
+        formats = ", ".join(sorted(FORMATS))
+        raise InputError(entries[0], "the folder holds no scan", f"Name a folder with scans ({formats})")
+    return find_scans(found)
+
+
+def _proposed(path: Path, units: str | None) -> list[Landmarks]:
+    cloud = read_cloud(path)
+    unit = units or body_unit(path, cloud.points)
+    factor = MILLIMETRES[unit]
+    found = proposed_landmarks(path, cloud.points * factor)
+    return [marks.mapped(lambda points: points / factor, units=unit) for marks in found]
+
+
+def _landmarks(scan: Scan, units: str | None) -> Landmarks:
+    """What a scan was loaded with, in the landmark file's own unit."""
+    factor = MILLIMETRES[units or scan.units.marks]
+    points = {"inner_end": scan.wire[0], "outer_end": scan.wire[-1], **_marks(scan)}
+    marks = Landmarks(
+        path=scan.path,
+        name=scan.name,
+        side=scan.side,
+        wire=scan.wire,
+        upper_line=scan.neckline,
+        points=points,
+        proposed=scan.origin.marks != "given",
+    )
+    return replace(marks.mapped(lambda line: scan.frame.to_scan(line) / factor), units=units or scan.units.marks)
+
+
+def _marks(scan: Scan) -> dict[str, np.ndarray]:
+    named = {"apex": scan.apex, "strap_point": scan.strap_point}
+    return {name: point for name, point in named.items() if point is not None}
+
+
+def _facts(scan: Scan) -> list[str]:
+    origin, steps = scan.origin, asdict(scan.cleaning)
+    guessed = "" if origin.wire_guessed is None else f", {100 * origin.wire_guessed:.0f} % of it guessed"
+    length = float(np.linalg.norm(np.diff(scan.wire, axis=0), axis=1).sum())
+    counts = ", ".join(f"{key} {value:.4g}" for key, value in steps.items())
+    return [
+        f"landmarks {origin.marks}, wire {origin.wire}{guessed} ({length:.0f} mm), upper line {origin.neckline}",
+        f"unit {scan.units.cloud}{f' (found from {scan.units.found})' if scan.units.found else ''}",
+        f"points: {counts}",
+    ]
+
+
+def _figure(scan: Scan):
+    from brafit.report.inspection import inspection_figure
+
+    cloud = scan.frame.to_cup(read_cloud(scan.path).points * MILLIMETRES[scan.units.cloud])
+    lines = {"wire": scan.wire} | ({} if scan.neckline is None else {"neckline": scan.neckline})
+    marks = {"inner_end": scan.wire[0], "outer_end": scan.wire[-1], **_marks(scan)}
+    title = f"{scan.name}, {scan.side} breast"
+    return inspection_figure({"rest": cloud, "cup": scan.dense}, lines, marks, title, "\n".join(_facts(scan)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""One picture of a scan before its fit: the body, what is cut out of it, landmarks and lines, for a person to check."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy import ndarray
+
+SHOWN = 40_000
+"""Points drawn of each kind at most."""
+_KINDS = {"rest": ("#c4c8ce", 0.4, "not of this breast"), "cup": ("#2f6db3", 1.6, "points of the cup")}
+_LINES = {"wire": ("#d1480c", "wire"), "neckline": ("#2e7d32", "upper line")}
+
+
+def inspection_figure(
+    clouds: Mapping[str, Float[ndarray, "n 3"]],
+    lines: Mapping[str, Float[ndarray, "k 3"]],
+    marks: Mapping[str, Float[ndarray, "3"]],
+    title: str,
+    facts: str,
+) -> Figure:
+    """The scan from in front, whole and near, and the breast from the outer side and from below.
+
+    Args:
+        clouds: `cup` and `rest`, in the cup frame (x down, y outwards, z to the front), mm.
+        lines: `wire` and, if there is one, `neckline`, likewise.
+        marks: landmarks by name, likewise.
+        facts: lines of text below the pictures.
+    """
+    figure = Figure(figsize=(16, 7.5), layout="constrained")
+    grid = figure.add_gridspec(2, 4, height_ratios=(1, 0.14))
+    everything = np.concatenate([clouds["cup"], *lines.values()])
+    low, high = everything.min(axis=0) - 25, everything.max(axis=0) + 25
+    near = {kind: points[((points > low) & (points < high)).all(axis=1)] for kind, points in clouds.items()}
+    views = (
+        ("whole scan, from in front", clouds, (1, 0), False),
+        ("from in front", near, (1, 0), True),
+        ("from the outer side", near, (2, 0), True),
+        ("from below", near, (1, 2), True),
+    )
+    for place, (caption, shown, axes, named) in enumerate(views):
+        _view(figure.add_subplot(grid[0, place]), caption, shown, lines, marks, axes, named)
+    handles, labels = figure.axes[1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=5, frameon=False, markerscale=6)
+    text = figure.add_subplot(grid[1, :])
+    text.axis("off")
+    text.text(0, 1, facts, va="top", family="monospace", fontsize=9, parse_math=False)
+    figure.suptitle(title, x=0.01, ha="left", fontweight="bold").set_parse_math(False)
+    return figure
+
+
+def _view(
+    axes: Axes,
+    caption: str,
+    clouds: Mapping[str, ndarray],
+    lines: Mapping[str, ndarray],
+    marks: Mapping[str, ndarray],
+    columns: tuple[int, int],
+    named: bool,
+) -> None:
+    i, j = columns
+    for kind, (colour, size, label) in _KINDS.items():
+        points = clouds[kind][:: max(1, len(clouds[kind]) // SHOWN)]
+        axes.plot(points[:, i], points[:, j], ".", markersize=size, color=colour, label=label)
+    for name, line in lines.items():
+        colour, label = _LINES[name]
+        axes.plot(line[:, i], line[:, j], color=colour, linewidth=1.8, label=label)
+    for name, mark in marks.items():
+        axes.plot(mark[i], mark[j], "o", markersize=4, color="#111111", label="_")
+        if named:
+            axes.annotate(name.replace("_", " "), (mark[i], mark[j]), xytext=(4, 4), textcoords="offset points")
+    axes.set_aspect("equal")
+    if j == 0:
+        axes.invert_yaxis()
+    axes.set_xlabel(f"{'xyz'[i]} / mm")
+    axes.set_ylabel(f"{'xyz'[j]} / mm")
+    axes.set_title(caption, fontsize=11)
