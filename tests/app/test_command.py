@@ -27,7 +27,10 @@ TINY = [
     "cup.stations=21",
     "solver.stages=[{optimiser:adam,steps:3,penalty:1.0},{optimiser:lbfgs,steps:5,penalty:10.0}]",
 ]
-FILES = {"fit.json", "patterns.svg", "cup.ply", "points.ply"}
+FILES = {
+    "fit.json", "patterns.svg", "patterns.dxf", "patterns.pdf", "patterns_sheet.pdf", "cup.ply", "cup.obj", "cup.glb",
+    "points.ply", "report.html", "thumbnail.png",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -48,9 +51,7 @@ def in_a_process(folder: Path, *arguments: str) -> Done:
 
 
 @pytest.fixture
-def brafit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., Done]:
+def brafit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
     """Run it in `tmp_path`, but in this process, which saves its start."""
     monkeypatch.setenv("HYDRA_FULL_ERROR", "0")
     monkeypatch.chdir(tmp_path)
@@ -91,7 +92,13 @@ def test_one_scan_gives_all_files(tmp_path: Path, sample: Path) -> None:
     assert done.returncode == 0, done.stderr
     out = tmp_path / "res"
     assert {file.name for file in tmp_path.iterdir()} == {"my scans", "res"}, "litter"
-    assert {file.name for file in out.iterdir()} == {sample.stem, "summary.csv", "config.yaml", "tensorboard"}
+    assert {file.name for file in out.iterdir()} == {
+        sample.stem,
+        "index.html",
+        "summary.csv",
+        "config.yaml",
+        "tensorboard",
+    }
     assert {file.name for file in (out / sample.stem).iterdir()} == FILES
     assert list((out / "tensorboard").glob("events.out.tfevents.*"))
     row = summary(out)[sample.stem]
@@ -113,6 +120,21 @@ def test_sweep_runs_every_job_in_its_folder(tmp_path: Path, sample: Path) -> Non
     assert done.returncode == 0, done.stderr
     assert {summary(tmp_path / "sweep" / job)[sample.stem]["terms"] for job in ("0", "1")} == {"2", "3"}
     assert {file.name for file in (tmp_path / "sweep").iterdir()} == {"0", "1", "multirun.yaml"}
+
+
+def test_pattern_settings(tmp_path: Path, sample: Path, brafit: Callable[..., Done]) -> None:
+    """Only what is asked for is written, and a nest of all patterns in one file."""
+    options = ["pattern.formats=[svg,dxf]", "pattern.meshes=[]", "pattern.report=false", "pattern.nest=true"]
+    done = brafit(f"scans='{sample}'", "out=out", *TINY, *options, "pattern.allowance.wire=9.5", "pattern.size=75B")
+    assert done.returncode == 0, done.stderr
+    out = tmp_path / "out"
+    assert {file.name for file in (out / sample.stem).iterdir()} == {"fit.json", "patterns.svg", "patterns.dxf"}
+    names = {"config.yaml", "summary.csv", "tensorboard", "patterns.svg", "patterns.dxf", sample.stem}
+    assert {file.name for file in out.iterdir()} == names
+    drawing = (out / sample.stem / "patterns.svg").read_text(encoding="utf-8")
+    assert "wire 9.5 mm" in drawing
+    assert "size 75B" in drawing
+    assert "LOWER_PANEL_75B" in (out / "patterns.dxf").read_text()
 
 
 def test_sweep_goes_on_after_a_job_that_cannot_run(tmp_path: Path, sample: Path, brafit: Callable[..., Done]) -> None:

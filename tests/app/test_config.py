@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from brafit.fit import Conditions
 from brafit.fit.anneal import OPTIMISERS
 from brafit.fit.loss import point_loss
 from brafit.geometry.ritz import BASES
+from brafit.pattern import PatternOptions
 from brafit.scan import load_scan
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -71,6 +73,10 @@ def test_defaults_pass_their_own_checks() -> None:
         ("batch=2", "batch", 2),
         ("threads=1", "threads", 1),
         ("experiment=quick", "restarts", 1),
+        ("pattern.formats=[svg,pdf]", "pattern.formats", ["svg", "pdf"]),
+        ("pattern.allowance.wire=8", "pattern.allowance.wire", 8.0),
+        ("pattern.ease.width=-5", "pattern.ease.width", -5.0),
+        ("pattern=default", "pattern._target_", "brafit.pattern.PatternOptions"),
     ],
 )
 def test_overrides_compose(override: str, key: str, value: Any) -> None:
@@ -104,6 +110,10 @@ def test_an_override_beats_an_experiment() -> None:
         ("device=tpu", ["device=tpu", "cpu, cuda"]),
         ("device=cuda:77", ["device=cuda:77", "device=cpu"]),
         ("batch=0", ["batch=0", "at least 1"]),
+        ("pattern.allowance.wire=-1", ["pattern.allowance.wire=-1", "from 0 to 100"]),
+        ("pattern.allowance.ridges=6", ["did you mean pattern.allowance.ridge?", "wire, ridge, upper"]),
+        ("pattern.paper=a0", ["pattern.paper=a0", "a4, letter"]),
+        ("pattern.units=cm", ["pattern.units=cm", "mm, inch"]),
         ("scans=null", ["scans", "file", "folder"]),
         ("scans=[]", ["scans", "file", "folder"]),
         ("scans=3", ["scans=3", "file", "folder"]),
@@ -148,6 +158,10 @@ def test_defaults_are_those_of_the_code() -> None:
     """Whoever calls from Python gets the same as who runs the command."""
     config = composed()
     assert instantiate(config.condition) == Conditions()
+    pattern, plain = instantiate(config.pattern), PatternOptions()
+    for item in fields(PatternOptions):
+        one, other = getattr(pattern, item.name), getattr(plain, item.name)
+        assert (list(one) if isinstance(other, tuple) else one) == (list(other) if isinstance(other, tuple) else other)
     for function, group in ((FramesCup, "cup"), (load_scan, "scan")):
         known = {name: entry.default for name, entry in inspect.signature(function).parameters.items()}
         for key, value in config[group].items():

@@ -25,7 +25,7 @@ def misfit(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def flattened(mesh: PanelMesh, method: str) -> np.ndarray:
-    """By libigl: LSCM with the two tips held as far apart as the pattern has them, and ARAP from there with one tip held."""
+    """By libigl: LSCM with two points held as far apart as the pattern has them; ARAP from there with one held."""
     igl = pytest.importorskip("igl", reason="the flattening package libigl is not installed")
     faces = mesh.faces.astype(np.int64)
     loop = igl.boundary_loop(faces)

@@ -1,0 +1,128 @@
+"""The Python face: `brafit.fit` on arrays."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lunes import RADIUS, sphere_points
+
+import brafit
+from brafit.errors import ConfigError, InputError
+from brafit.result import Result
+
+ANGLE = np.linspace(0, np.pi, 40)
+WIRE = RADIUS * np.stack((np.sin(ANGLE), 1 - np.cos(ANGLE), 0 * ANGLE), -1)
+TURN = np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)), float)
+QUICK = [
+    "cup=frames", "solver=anneal", "cup.terms=4", "cup.stations=51", "restarts=1",
+    "solver.stages=[{optimiser:adam,steps:60,penalty:1.0},{optimiser:lbfgs,steps:150,penalty:100.0}]",
+]  # fmt: skip
+
+
+def placed(points: np.ndarray) -> np.ndarray:
+    """Somewhere in a scanner's frame."""
+    return points @ TURN.T + (100, -30, 900)
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Result:
+    points, _ = sphere_points(400)
+    return brafit.fit(
+        placed(points),
+        wire=placed(WIRE),
+        strap_point=placed(np.array((0, RADIUS, RADIUS))),
+        settings=QUICK,
+        name="ball",
+    )
+
+
+def test_distances_and_surface_are_in_the_frame_of_the_points(fitted: Result) -> None:
+    points, _ = sphere_points(400)
+    distances = fitted.distance(placed(points))
+    np.testing.assert_allclose(distances, fitted.fit.distances, atol=1e-9)
+    assert np.sqrt(np.mean(distances**2)) < 0.08 * RADIUS
+    far = placed(np.array([[2 * RADIUS, RADIUS, 2 * RADIUS]]))
+    assert fitted.distance(far)[0] > RADIUS
+    meshes = fitted.surface(strips=3)
+    assert [mesh.name for mesh in meshes] == ["lower panel", "upper panel"]
+    ends = placed(WIRE[[0, -1]])
+    vertices = np.vstack([mesh.vertices for mesh in meshes])
+    assert max(np.linalg.norm(vertices - end, axis=1).min() for end in ends) < 1.0
+    # on the surface, and its vertex normals point away from the sphere's middle
+    assert np.abs(fitted.distance(vertices)).max() < 0.2
+    middle = placed(np.array((0, RADIUS, 0)))
+    assert np.mean([(mesh.normals * (mesh.vertices - middle)).sum(1) > 0 for mesh in meshes]) > 0.9
+
+
+def test_patterns_and_files(fitted: Result, tmp_path: Path) -> None:
+    pattern = fitted.patterns()
+    assert [piece.name for piece in pattern.pieces] == ["lower panel", "upper panel"]
+    assert pattern.pieces[0].sew[0].length == pytest.approx(np.pi * RADIUS, abs=1.5)
+    fitted.save(tmp_path)
+    names = {file.name for file in tmp_path.iterdir()}
+    patterns = {"patterns.svg", "patterns.dxf", "patterns.pdf", "patterns_sheet.pdf"}
+    assert names == patterns | {
+        "cup.ply",
+        "cup.obj",
+        "cup.glb",
+        "points.ply",
+        "report.html",
+        "thumbnail.png",
+        "fit.json",
+    }
+    fit = json.loads((tmp_path / "fit.json").read_text())
+    assert fit["scan"] == "ball"
+    assert fit["sources"]["apex"].startswith("not given")
+    notches = {
+        name: [(n["edge"], n["from_inner_end"]) for n in each] for name, each in fit["pattern"]["notches_mm"].items()
+    }
+    ridge = [[place for edge, place in each if edge == "ridge"] for each in notches.values()]
+    assert ridge[0] == ridge[1]
+
+
+def test_right_breasts_are_mirror_images() -> None:
+    points, _ = sphere_points(200)
+    mirror = np.array((1.0, 1.0, -1.0))
+    short = [*QUICK[:-1], "solver.stages=[{optimiser:adam,steps:20,penalty:1.0}]"]
+    left = brafit.fit(placed(points), wire=placed(WIRE), settings=short)
+    right = brafit.fit(placed(points) * mirror, wire=placed(WIRE) * mirror, side="right", settings=short)
+    for a, b in zip(left.surface(), right.surface(), strict=True):
+        np.testing.assert_allclose(a.vertices * mirror, b.vertices, atol=1e-6)
+    for a, b in zip(left.patterns().pieces, right.patterns().pieces, strict=True):
+        np.testing.assert_allclose(a.sew_outline() * (-1, 1), b.sew_outline(), atol=1e-4)
+
+
+def test_settings_are_the_commands() -> None:
+    with pytest.raises(ConfigError, match=r"did you mean cup\.panels"):
+        brafit.fit(np.zeros((20, 3)), wire=WIRE, settings=["cup.pannels=3"])
+    with pytest.raises(ConfigError, match=r"pattern\.allowance\.wire=-1.*: must be"):
+        brafit.fit(np.ones((20, 3)), wire=WIRE, settings=["pattern.allowance.wire=-1"])
+
+
+@pytest.mark.parametrize(
+    ("points", "wire", "side", "words"),
+    [
+        (np.zeros((5, 2)), WIRE, "left", "points.*shape"),
+        (np.full((5, 3), np.nan), WIRE, "left", "points.*finite"),
+        ([["a", "b", "c"]], WIRE, "left", "points.*numbers"),
+        (np.ones((5, 3)), WIRE[:2], "left", "wire.*fewer than 4"),
+        (np.ones((5, 3)), WIRE, "middle", "side"),
+    ],
+)
+def test_wrong_arrays_are_refused_in_one_line(points, wire, side: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        brafit.fit(points, wire=wire, side=side)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_package_of_the_same_name_stays_a_package() -> None:
+    program = (
+        "import brafit, sys; assert 'torch' not in sys.modules; from brafit.fit import fit_targets; "
+        "import brafit.fit.loop; assert callable(brafit.fit) and brafit.fit.fit_targets is fit_targets"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)

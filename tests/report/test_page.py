@@ -1,0 +1,154 @@
+"""The web pages: what they say, and in a real browser what they show."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from lunes import RADIUS, lune_cup, lune_flat, sphere_points
+
+from brafit.fit import CupFit, ResultCode, Target
+from brafit.fit.measure import point_distances
+from brafit.pattern import PatternOptions, Side
+from brafit.report.page import write_index
+from brafit.result import Result
+from brafit.scan import CupFrame
+
+APEX = np.array([RADIUS * np.sin(np.pi / 4), RADIUS + 7.0, RADIUS * np.sin(np.pi / 4) + 6.0])
+
+
+def result(
+    name: str = "lune", side: Side = "left", panels: int = 2, apex: np.ndarray | None = APEX, **options
+) -> Result:
+    points, _ = sphere_points(2000)
+    shape = lune_cup(panels)
+    distances = point_distances(torch.as_tensor(points), shape).numpy()
+    figures = {"rms_mm": float(np.sqrt(np.mean(distances**2))), "twist_deg_max": 0.0, "max_mm": float("nan")}
+    fit = CupFit(name, ResultCode.CONVERGED, "converged", shape, lune_flat(panels), distances, figures, {}, 3, 1.5)
+    target = Target(name, points, shape.edges[0].numpy(), apex=apex, strap_point=np.array([0.0, RADIUS, RADIUS]))
+    mirror = np.diag((1.0, -1.0, 1.0)) if side == "right" else np.eye(3)
+    sources = {"apex": "given", "neckline": "none"}
+    return Result(fit, target, side, CupFrame(np.array([1.0, 2.0, 3.0]), mirror), PatternOptions(**options), sources)
+
+
+def browser(*arguments: object, profile: Path) -> subprocess.CompletedProcess:
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        pytest.skip("the browser chromium is not installed")
+    quiet = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", *quiet, "--disable-sync", f"--user-data-dir={profile}"]
+    command = [path, *flags, "--hide-scrollbars", "--window-size=1200,1000", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+
+
+def dom(page: Path, script: str, folder: Path) -> str:
+    """The title that a script gives the page, as the browser has it when the page is loaded."""
+    tried = folder / "tried.html"
+    text = page.read_text(encoding="utf-8")
+    tried.write_text(text.replace("</body>", f"<script>document.title = String({script})</script></body>"))
+    shown = browser("--dump-dom", "--virtual-time-budget=2000", tried.as_uri(), profile=folder / "profile").stdout
+    title = re.search(r"<title>(.*?)</title>", shown, re.DOTALL)
+    assert title is not None
+    return title[1]
+
+
+def test_report_is_one_small_file_that_asks_for_nothing(tmp_path):
+    for panels in (2, 3):
+        result(panels=panels).save(tmp_path)
+        text = (tmp_path / "report.html").read_text(encoding="utf-8")
+        assert (tmp_path / "report.html").stat().st_size < 2e6
+        assert not re.search(r"https?://", text.replace("http://www.w3.org", "")), "nothing from the network"
+        assert not re.search(r"<(link|iframe)\b|<script[^>]*\bsrc=|@import|url\(", text)
+
+
+def test_report_says_what_was_measured_given_and_guessed(tmp_path):
+    made = result('a <b> & "c"', material_width=10.0)
+    made.save(tmp_path)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<h1>a &lt;b&gt; &amp; &quot;c&quot;</h1>" in text
+    for words in (
+        "wider than the material",
+        "Finished dimensions",
+        "apex to strap point",
+        "area of all panels",
+        "neckline",
+    ):
+        assert words in text
+    for dimension in made.dimensions():
+        shown = f"{dimension.value:.1f} mm" if dimension.unit == "mm" else f"{dimension.value:.1f} cm²"
+        assert shown in text
+    assert "nan" not in re.sub(r'<script.*?</script>|src="data:[^"]*"', "", text, flags=re.DOTALL)
+
+
+def test_dimensions_of_a_lune():
+    found = {(d.part, d.name): d.value for d in result(apex=np.array([0.0, RADIUS, RADIUS])).dimensions()}
+    assert found["cup", "wire span (end to end)"] == pytest.approx(2 * RADIUS)
+    assert found["cup", "depth (out of the wire's plane)"] == pytest.approx(RADIUS)
+    assert found["cup", "apex to inner end"] == pytest.approx(RADIUS * np.sqrt(2))
+    assert found["cup", "apex to bottom of the wire"] == pytest.approx(RADIUS * np.sqrt(2))
+    assert found["cup", "apex to strap point"] == pytest.approx(0)
+    assert found["lower panel", "wire"] == pytest.approx(np.pi * RADIUS, abs=0.01)
+    assert found["lower panel", "height"] == pytest.approx(2 * RADIUS * np.sin(np.pi / 8), abs=0.02)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_report_in_a_browser(tmp_path, side):
+    from PIL import Image
+
+    made = result(side=side)
+    made.save(tmp_path)
+    page = tmp_path / "report.html"
+    drawn = dom(page, "document.getElementById('view').dataset.drawn", tmp_path)
+    assert int(drawn) > 2000 + 1000, "points and facets"
+    assert dom(page, "document.querySelector('img.pieces').naturalWidth > 200", tmp_path) == "true"
+    script = "(() => { const t = performance.now(); document.getElementById('fold').value = 40;" \
+        " document.getElementById('fold').dispatchEvent(new Event('input'));" \
+        " return document.getElementById('fold-share').textContent; })()"  # fmt: skip
+    assert dom(page, script, tmp_path) == "40 % folded"
+    loaded = dom(page, "Math.round(performance.now())", tmp_path)
+    assert float(loaded) < 2000
+    browser(f"--screenshot={tmp_path / 'shot.png'}", page.as_uri(), profile=tmp_path / "profile")
+    with Image.open(tmp_path / "shot.png") as shot:
+        picture = np.asarray(shot.convert("RGB")).astype(int)
+    stage = picture[300:760, 60:1140]
+    red = (stage[..., 0] > stage[..., 2] + 60).sum()
+    assert red > 300, "points outside the cup are red"
+
+
+def test_index_sorts_in_a_browser(tmp_path):
+    rows = [
+        {"scan": "b & c", "status": "ok", "side": "left", "rms_mm": 10.5, "p95_mm": 3.0},
+        {"scan": "a/d", "status": "ok", "side": "left", "rms_mm": 9.25, "p95_mm": None},
+        {"scan": "z", "status": "failed", "reason": "no <points>"},
+    ]
+    write_index(tmp_path / "index.html", rows)
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert 'href="b%20%26%20c/report.html"' in text
+    assert "no &lt;points&gt;" in text
+    assert "2 of 3 scans ok" in text
+    names = "Array.from(document.querySelectorAll('tbody tr'), r => r.cells[1].textContent).join('|')"
+    head = "Array.from(document.querySelectorAll('th')).find(h => h.textContent === 'rms')"
+    assert dom(tmp_path / "index.html", names, tmp_path) == "b &amp; c|a/d|z"
+    assert dom(tmp_path / "index.html", f"({head}.click(), {names})", tmp_path) == "a/d|b &amp; c|z"
+    assert dom(tmp_path / "index.html", f"({head}.click(), {head}.click(), {names})", tmp_path) == "b &amp; c|a/d|z"
+
+
+def test_thumbnail_and_files_of_a_result(tmp_path):
+    from PIL import Image
+
+    files = result().save(tmp_path)
+    assert {file.name for file in files} == {file.name for file in tmp_path.iterdir()}
+    with Image.open(tmp_path / "thumbnail.png") as picture:
+        assert picture.size == (264, 176)
+    again = result(formats=["svg"], meshes=[], report=False).save(tmp_path)
+    assert {file.name for file in again} == {"patterns.svg", "fit.json"} == {file.name for file in tmp_path.iterdir()}
+
+
+def test_pages_need_neither_matplotlib_nor_a_browser():
+    program = "import sys, brafit.report.page; assert not {'matplotlib', 'tensorboard', 'open3d'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", program], check=True, env={**os.environ})
