@@ -146,7 +146,7 @@ def _index_line(row: Mapping[str, Any], keys: Sequence[str], thumbnail: str, rep
     ]
     for key in keys:
         value = _number(row.get(key))
-        shown = "" if value is None else f"{value:.4g}"
+        shown = "" if value is None else _text(_short(value))
         cells.append(f'<td class="number" data-value="{"" if value is None else repr(value)}">{shown}</td>')
     return f"<tr>{''.join(cells)}</tr>"
 
@@ -162,7 +162,9 @@ def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension]) -> str:
         ("seam sides differ by", row.get("seam_mismatch_mm"), "mm"),
     ]
     shown = [(name, _number(value), unit) for name, value, unit in facts]
-    cells = [f"<div><b>{v:.3g} {unit}</b><span>{name}</span></div>" for name, v, unit in shown if v is not None]
+    cells = [
+        f"<div><b>{_text(_short(v))} {unit}</b><span>{name}</span></div>" for name, v, unit in shown if v is not None
+    ]
     return f'<div class="facts">{"".join(cells)}</div>'
 
 
@@ -218,7 +220,7 @@ def _figure_table(row: Mapping[str, Any]) -> str:
     for key, (meaning, unit) in MEANINGS.items():
         value = _number(row.get(key))
         if value is not None:
-            lines.append(f'<tr><td>{meaning}</td><td class="number">{value:.4g}</td><td>{unit}</td></tr>')
+            lines.append(f'<tr><td>{meaning}</td><td class="number">{_text(_short(value))}</td><td>{unit}</td></tr>')
     return f"<table>{''.join(lines)}</table>"
 
 
@@ -289,6 +291,11 @@ def _number(value: Any) -> float | None:
     if value is None or isinstance(value, str) or not math.isfinite(float(value)):
         return None
     return float(value)
+
+
+def _short(value: float) -> str:
+    """Four digits at most, and no powers of ten for what is as good as nothing."""
+    return "< 0.001" if 0 < abs(value) < 0.001 else f"{value:.4g}"
 
 
 def _text(words: Any) -> str:

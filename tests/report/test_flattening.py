@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from lunes import lune_area, lune_cup, lune_flat
 
-from brafit.pattern import pieces_from_panels
+from brafit.pattern import Side, pieces_from_panels
 from brafit.report.mesh import PanelMesh, panel_meshes, write_cup_glb, write_cup_obj
 
 
-def meshes(panels: int = 2, n: int = 401, strips: int = 4, side="left", place=None) -> list[PanelMesh]:
+def meshes(panels: int = 2, n: int = 401, strips: int = 4, side: Side = "left", place=None) -> list[PanelMesh]:
     return panel_meshes(lune_cup(panels, n), pieces_from_panels(lune_flat(panels, n), side), strips, place)
 
 
