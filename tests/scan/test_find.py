@@ -6,7 +6,7 @@ from breasts import write_breast, write_ply
 
 from brafit.errors import InputError
 from brafit.samples import sample_paths
-from brafit.scan import find_scans, scan_names
+from brafit.scan import FORMATS, find_scans, scan_names
 
 
 @pytest.fixture
@@ -39,6 +39,14 @@ def test_a_pattern_keeps_clouds_without_landmarks(folder):
     assert names(find_scans(f"{folder.parent}/**/al*.ply")) == ["alone.ply"]
 
 
+def test_tables_found_in_passing_need_a_landmark_file_or_their_extension(folder):
+    (folder / "c.csv").write_text("x,y,z")
+    assert "c.csv" not in names(find_scans(f"{folder}/*"))
+    assert names(find_scans(f"{folder}/*.csv")) == ["c.csv"]
+    (folder / "c.json").write_text("{}")
+    assert "c.csv" in names(find_scans(f"{folder}/*"))
+
+
 def test_a_named_file_is_kept_whatever_it_is(folder):
     for name in ("alone.ply", "notes.txt", "missing.ply"):
         assert find_scans(str(folder / name)) == [folder / name]
@@ -59,7 +67,7 @@ def test_relative_paths_start_from_the_working_folder(folder, monkeypatch):
 
 
 def test_nothing_found_is_an_error(folder, tmp_path):
-    formats = ".pcd, .ply, .pts, .xyz, .xyzn"
+    formats = ", ".join(sorted(FORMATS))
     (tmp_path / "empty").mkdir()
     write_ply(tmp_path / "bare.ply", np.zeros((1, 3)))
     for entry, expected in {

@@ -10,10 +10,10 @@ from breasts import cup_frame_landmarks, write_landmarks
 
 from brafit.errors import InputError
 from brafit.samples import sample_paths
-from brafit.scan import landmarks_path, read_landmarks
+from brafit.scan import landmarks_path, landmarks_text, read_breasts, read_landmarks
 
 SEE = "See brafit/scan/landmarks.schema.json for the format."
-TRIPLE = "Give three finite numbers [x, y, z] in millimetres."
+TRIPLE = "Give three finite numbers [x, y, z]."
 
 
 def message(path: Path) -> str:
@@ -53,7 +53,6 @@ def test_repeated_wire_points_are_dropped(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"wire": None}, f"wire: missing. Add the field wire. {SEE}"),
         ({"side": None}, f"side: missing. Add the field side. {SEE}"),
         (
             {"wire": None, "wires": []},
@@ -69,9 +68,8 @@ def test_repeated_wire_points_are_dropped(tmp_path):
         ),
         ({"side": "links"}, 'side: "links" is neither "left" nor "right". Name the wearer\'s side.'),
         (
-            {"units": "cm"},
-            'units: "cm", but only "mm" is read. '
-            'Multiply all coordinates, here and in the cloud, by 10, and write "units": "mm".',
+            {"units": "feet"},
+            'units: "feet" is none of "mm", "cm", "in", "m". Write one of these, or leave it out.',
         ),
         ({"landmarks": {"apex": [1, 2]}}, f"landmarks.apex: 2 numbers, not 3. {TRIPLE}"),
         ({"landmarks": {"apex": [1, "2", 3]}}, f'landmarks.apex: "2" is not a number. {TRIPLE}'),
@@ -121,4 +119,24 @@ def test_samples_agree_with_the_schema():
     for cloud in sample_paths():
         validator.validate(json.loads(landmarks_path(cloud).read_text(encoding="utf-8")))
     assert not validator.is_valid({"side": "left", "wire": [[0, 0, 0], [100, 0, 0]]})
-    assert not validator.is_valid({"side": "left", "units": "cm", "wire": [[0, 0, 0]] * 4})
+    assert not validator.is_valid({"side": "left", "units": "feet", "wire": [[0, 0, 0]] * 4})
+
+
+def test_both_breasts_of_a_file(tmp_path):
+    left = {key: value for key, value in cup_frame_landmarks().items() if key != "units"}
+    path = tmp_path / "a.json"
+    write_landmarks(path, {"units": "cm", "breasts": [left, {**left, "side": "right", "wire": None}]})
+    assert [(marks.side, marks.units, marks.wire is None) for marks in read_breasts(path)] == [
+        ("left", "cm", False),
+        ("right", "cm", True),
+    ]
+    assert read_landmarks(path, "right").side == "right"
+    again = tmp_path / "b.json"
+    again.write_text(landmarks_text(read_breasts(path)))
+    for first, second in zip(read_breasts(path), read_breasts(again), strict=True):
+        assert (first.side, first.units) == (second.side, second.units)
+        np.testing.assert_allclose(second.positions(), first.positions(), atol=1e-3)
+    write_landmarks(path, {"breasts": [left, left]})
+    assert message(path) == "breasts: the left one twice. Give each side once."
+    write_landmarks(path, {"side": "left", "breasts": [left]})
+    assert message(path) == "side: stands beside breasts, but belongs into it. Write it in each of breasts."

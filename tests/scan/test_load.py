@@ -105,7 +105,7 @@ def test_missing_cloud_and_missing_landmark_file(tmp_path):
     landmarks_path(path).unlink()
     assert message(path) == (
         "no landmark file breast.json beside the cloud. "
-        "Write breast.json with at least wire and side, see brafit/scan/landmarks.schema.json."
+        "Write breast.json (brafit-inspect proposes one), or set scan.propose=true."
     )
     path.unlink()
     assert message(path) == "there is no such file. Check the path."
@@ -115,8 +115,9 @@ def test_missing_cloud_and_missing_landmark_file(tmp_path):
     ("changes", "expected"),
     [
         (
-            {"wire": None},
-            "wire: missing. Add the field wire. See brafit/scan/landmarks.schema.json for the format.",
+            {"wire": None, "landmarks": None},
+            "wire: missing, and the cloud is no torso in which to find it. "
+            "Give wire, or landmarks inner_end, outer_end, apex and strap_point; or scan the whole torso.",
         ),
         (
             {"landmarks": {"apx": [45, 65, 45]}},
@@ -130,7 +131,7 @@ def test_missing_cloud_and_missing_landmark_file(tmp_path):
         (
             {"wire": cup_frame_landmarks()["wire"] / 1000},
             "wire: 0.2041 mm long, it must be 80 to 600 mm. "
-            "It looks like metres: multiply its coordinates by 1000, and the cloud's if it is alike.",
+            'It looks like metres: write "units": "m", or set scan.units=m.',
         ),
         (
             {"wire": cup_frame_landmarks()["wire"] * 10},
@@ -171,17 +172,38 @@ def test_a_landmark_file_that_cannot_be_used(tmp_path, changes, expected):
     assert message(path, landmarks_path(path)) == expected
 
 
-@pytest.mark.parametrize(
-    ("factor", "unit", "across"),
-    [(1000, "metres", "0.159"), (10, "centimetres", "15.9"), (25.4, "inches", "6.26")],
-)
-def test_a_cloud_in_another_unit(tmp_path, factor, unit, across):
-    path = write_breast(tmp_path)
+@pytest.mark.parametrize(("factor", "unit"), [(1000, "m"), (10, "cm"), (25.4, "in")])
+def test_units_are_found_and_said(tmp_path, factor, unit):
+    expected = load_scan(write_breast(tmp_path / "mm"), points=300)
+    assert expected.notes == ()
+    path = write_breast(tmp_path / "cloud")
     write_ply(path, cup_frame_points() / factor)
-    assert message(path) == (
-        f"the whole cloud is only {across} mm across, its wire is 204 mm long. "
-        f"It looks like {unit}: multiply the cloud's coordinates by {factor:g}."
+    alone = load_scan(path, points=300)
+    assert (alone.units.cloud, alone.units.marks) == (unit, "mm")
+    both = write_posed(tmp_path, "both", lambda p: p / factor)
+    marks = {**transformed(cup_frame_landmarks(), lambda p: p / factor), "units": None}
+    write_landmarks(landmarks_path(both), {key: value for key, value in marks.items() if value is not None})
+    found = load_scan(both, points=300)
+    assert (found.units.cloud, found.units.marks) == (unit, unit)
+    for scan in (alone, found):
+        assert "found from" in scan.notes[0]
+        np.testing.assert_allclose(scan.points, expected.points, atol=1e-6)
+        np.testing.assert_allclose(scan.wire, expected.wire, atol=1e-9)
+    said = load_scan(both, points=300, units=unit)
+    assert (said.units.found, said.notes) == ("", ())
+
+
+def test_a_unit_in_doubt_is_asked_for(tmp_path):
+    # 13 cm would be a small wire, 13 inches a large one.
+    scale = 13 / (np.pi * RADIUS)
+    path = write_posed(tmp_path, "a", lambda p: p * scale)
+    marks = transformed(cup_frame_landmarks(), lambda p: p * scale)
+    write_landmarks(landmarks_path(path), {key: value for key, value in marks.items() if key != "units"})
+    assert message(path, landmarks_path(path)) == (
+        "units: a wire of length 12.99 can be in none or in two units. "
+        'Say which: scan.units=UNIT, or "units": "UNIT" in the landmark file, with UNIT one of mm, cm, in, m.'
     )
+    assert load_scan(path, units="in").units.cloud == "in"
 
 
 def test_a_cloud_with_a_useless_flag(tmp_path):
@@ -193,25 +215,81 @@ def test_a_cloud_with_a_useless_flag(tmp_path):
     )
 
 
-def test_a_whole_torso(tmp_path):
+def chest(n: int = 40_000, seed: int = 1) -> np.ndarray:
+    """A chest about the quarter sphere: the plane z = 0 beyond the wire, and a wall rising behind the upper line."""
+    generator = np.random.default_rng(seed)
+    points = np.zeros((n, 3))
+    points[:, :2] = generator.uniform([-260, -200], [300, 330], (n, 2))
+    below = points[:, 0] > 0
+    inside_wire = np.hypot(points[:, 0], points[:, 1] - RADIUS) < RADIUS
+    # Above the chord a slope that meets the sphere's rim: z = height of the rim there, falling off outwards.
+    rim = np.sqrt(np.clip(RADIUS**2 - (points[:, 1] - RADIUS) ** 2, 0, None))
+    points[:, 2] = np.where(below, 0.0, rim * np.exp(points[:, 0] / 60))
+    return points[~(below & inside_wire)]
+
+
+def test_a_breast_is_cut_out_of_a_torso_along_wire_and_upper_line(tmp_path):
     path = write_breast(tmp_path)
-    rest = np.random.default_rng(0).uniform([-400, -400, -250], [250, 300, 0], (20000, 3))
-    points = np.concatenate([cup_frame_points(), rest])
-    write_ply(path, points)
-    line = message(path)
-    assert line.startswith("the cloud is more than one breast: half of its points lie over ")
-    assert line.endswith(
-        "mm off the middle of its wire. "
-        "Cut it along wire and upper line, or mark the breast's points by a property 'inside' of 1, all others 0."
+    breast = cup_frame_points(6000)
+    write_ply(path, np.concatenate([chest(), breast]))
+    scan = load_scan(path, points=None, outliers=None)
+    sphere = np.abs(np.linalg.norm(scan.points - [0, RADIUS, 0], axis=1) - RADIUS) < 1e-3
+    assert sphere.sum() > 0.985 * len(breast)
+    # What else was taken lies at the curve, within the distance between points.
+    others = scan.points[~sphere]
+    assert len(others) < 0.02 * len(breast)
+    wire = np.hypot(others[:, 0], others[:, 1] - RADIUS) - RADIUS
+    assert (np.minimum(np.abs(wire), np.abs(others[:, 0])) < 4.0).all()
+    assert scan.cleaning.outside + scan.cleaning.elsewhere > 30_000
+    assert scan.origin.neckline == "given"
+
+
+def test_a_neckline_is_built_where_none_is_given(tmp_path):
+    path = write_breast(tmp_path, upper_line=None)
+    write_ply(path, np.concatenate([chest(), cup_frame_points(6000)]))
+    scan = load_scan(path, points=500)
+    assert scan.origin.neckline == "built"
+    line = present(scan.neckline)
+    np.testing.assert_allclose(line[[0, -1]], [[0, 0, 0], [0, 2 * RADIUS, 0]], atol=1e-9)
+    assert np.linalg.norm(line - [0, RADIUS, RADIUS], axis=1).min() < 1e-6
+    # Each half is planar and on the breast.
+    for half in (line[:21], line[20:]):
+        assert np.linalg.svd(half - half.mean(axis=0))[1][2] < 1e-6
+    on_sphere = line[line[:, 0] > 0]
+    assert np.abs(np.linalg.norm(on_sphere - [0, RADIUS, 0], axis=1) - RADIUS).max(initial=0) < 2.0
+
+
+def test_a_torso_without_a_line_where_the_cup_ends(tmp_path):
+    path = write_breast(tmp_path, upper_line=None, landmarks=None)
+    write_ply(path, np.concatenate([chest(), cup_frame_points(3000)]))
+    assert message(path) == (
+        "the cloud is more than one breast, and nothing says where the cup ends. "
+        "Mark landmarks.strap_point or upper_line, or give the points a property 'inside', 1 on the breast."
     )
-    write_ply(path, points, np.arange(len(points)) < 1500)
-    assert load_scan(path).cleaning.outside > 19000
+
+
+def test_the_same_for_doubled_and_shuffled_points(tmp_path):
+    path = write_breast(tmp_path)
+    cloud = np.concatenate([chest(), cup_frame_points(6000)])
+    write_ply(path, cloud)
+    expected = load_scan(path, points=800)
+    order = np.random.default_rng(3).permutation(2 * len(cloud))
+    write_ply(path, np.concatenate([cloud, cloud])[order])
+    again = load_scan(path, points=800)
+    np.testing.assert_array_equal(again.points, expected.points)
+    assert again.cleaning.duplicates > 10_000
+
+
+def test_a_side_that_is_not_marked_needs_a_torso(tmp_path):
+    path = write_breast(tmp_path)
+    with pytest.raises(InputError, match=r"side=right: it marks the left breast, and the cloud is no whole torso\. "):
+        load_scan(path, side="right")
 
 
 def test_a_cloud_of_one_point_many_times(tmp_path):
     path = write_breast(tmp_path)
     write_ply(path, np.repeat(cup_frame_points(60), 10, axis=0))
     assert message(path) == (
-        "only 60 distinct points are left of 600 after cleaning. "
-        "Raise scan.outliers (null keeps all points), or scan more densely."
+        "only 60 distinct points are left of 600 after cleaning and cropping. "
+        "Check wire and upper line; raise scan.outliers (null keeps all points), or scan more densely."
     )

@@ -9,7 +9,7 @@ from breasts import cup_frame_points, write_ply
 
 from brafit.errors import InputError
 from brafit.samples import sample_paths
-from brafit.scan import engine, read_cloud
+from brafit.scan import FORMATS, engine, read_cloud
 
 COPY = "Export the cloud again, and check that the copy is complete."
 
@@ -69,7 +69,7 @@ def test_files_that_are_no_clouds(tmp_path, capfd):
     assert message(path, capfd).startswith("cannot be read as a cloud, it is damaged or cut off (")
     (tmp_path / "a.json").write_text("{}")
     assert message(tmp_path / "a.json", capfd) == (
-        "is not a cloud of a known format (.pcd, .ply, .pts, .xyz, .xyzn). Name a cloud, or export it as .ply."
+        f"is not a cloud of a known format ({', '.join(sorted(FORMATS))}). Name a cloud, or export it as .ply."
     )
     assert message(tmp_path, capfd).startswith("is a folder without usable scans.")
 
@@ -151,15 +151,20 @@ def test_clouds_that_are_empty_or_tiny(tmp_path, capfd):
 
 
 def test_coordinates_that_are_not_finite(tmp_path, capfd):
-    points = cup_frame_points(200)
-    points[3, 1], points[8] = np.nan, np.inf
-    path = write_ply(tmp_path / "a.ply", points)
+    points = cup_frame_points(300)
+    few = points.copy()
+    few[3, 1], few[8] = np.nan, np.inf
+    text = tmp_path / "a.xyz"
+    text.write_text("\n".join(" ".join(map(str, row)) for row in few))
+    for path in (write_ply(tmp_path / "a.ply", few), text):
+        cloud = read_cloud(path)
+        assert cloud.dropped == 2
+        np.testing.assert_array_equal(cloud.points, np.delete(points, [3, 8], axis=0))
+    points[:200] = np.nan
+    path = write_ply(tmp_path / "b.ply", points)
     assert message(path, capfd) == (
-        "2 of 200 points have coordinates that are NaN or infinite. Remove these points and export the cloud again."
+        "200 of 300 points have coordinates that are NaN or infinite. Remove these points and export the cloud again."
     )
-    path = tmp_path / "a.xyz"
-    path.write_text("\n".join(" ".join(map(str, row)) for row in points))
-    assert message(path, capfd).startswith("2 of 200 points have coordinates")
 
 
 def test_a_missing_system_library_is_named(monkeypatch):
