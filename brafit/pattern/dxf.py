@@ -20,7 +20,7 @@ from brafit.pattern.finish import LINE, CutPiece, Pattern
 from brafit.pattern.options import UNITS
 from brafit.pattern.piece import layout_columns
 
-TOLERANCE = 0.02
+TOLERANCE = 0.01
 """How far (mm) the polylines may lie from the curves."""
 LAYERS = {
     "cut": "1", "turn": "2", "curve": "3", "notch": "4", "grain": "7", "drill": "13", "sew": "14", "annotation": "15",
