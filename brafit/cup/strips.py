@@ -1,8 +1,8 @@
 """Cup model B, "strips": developable by construction. Panels have the parameters, and each panel makes the next edge.
 
 Per panel: the angle at which it leaves its lower edge in the middle, and series for the rib angle and the logarithm of
-the ruling length. See `brafit.geometry.strip` for the equations. Both ends of all edges meet in the wire's ends, and developability holds, up
-to the spectral error of the nodes; no constraint is left.
+the ruling length. See `brafit.geometry.strip` for the equations. Both ends of all edges meet in the wire's ends, and
+developability holds, up to the spectral error of the nodes; no constraint is left.
 """
 
 from __future__ import annotations
@@ -338,7 +338,9 @@ class StripsCup(Cup):
 
     def select(self, index: Tensor) -> "StripsCup":
         cup = copy.copy(self)
-        cup._parameters, cup._modules = dict(self._parameters), dict(self._modules)
+        cup._parameters, cup._modules, cup._buffers = (
+            dict(v) for v in (self._parameters, self._modules, self._buffers)
+        )
         for name in self.layout:
             cup.register_parameter(name, nn.Parameter(self.get_parameter(name).detach()[index]))
         cup.wire = self.wire.select(index)
@@ -347,8 +349,8 @@ class StripsCup(Cup):
 
     def refined(self) -> "StripsCup":
         cup = self.select(torch.arange(self.batch, device=self.stations.device))
-        cup._buffers = dict(self._buffers)
-        cup.stations = torch.linspace(0, LENGTH, 2 * len(self.stations) - 1).to(self.stations)
+        own = self.stations
+        cup.stations = torch.linspace(0, LENGTH, 2 * len(own) - 1, dtype=own.dtype, device=own.device)
         cup.output_grid = _Grid.of(self.wire, self.terms, 2 * len(self.output_grid.s))
         cup._place_stations()
         return cup

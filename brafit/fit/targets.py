@@ -10,7 +10,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-_NECKLINE_SAMPLES = 81
+NECKLINE_SAMPLES = 81
+"""Evenly spaced points by which a batch holds its necklines."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class Targets:
         return replace(self, points=points, weights=weights / weights.sum(1, keepdim=True).clamp_min(1e-30))
 
     @staticmethod
-    def stack(targets: Sequence[Target], scale: Float[Tensor, " batch"]) -> "Targets":
+    def stack(targets: Sequence[Target], scale: Float[Tensor, " batch"], samples: int = NECKLINE_SAMPLES) -> "Targets":
         """A batch, with `scale` millimetres to a solver unit; dtype and device follow `scale`."""
 
         def tensor(values: object) -> Tensor:
@@ -94,8 +95,8 @@ class Targets:
             points[row, :count], weights[row, :count] = target.points, 1 / count
             if target.weights is not None:
                 weights[row, :count] = target.weights / target.weights.sum()
-        lines = [None if t.neckline is None else resample(t.neckline, _NECKLINE_SAMPLES) for t in targets]
-        neckline, has_neckline = optional(lines, np.zeros((_NECKLINE_SAMPLES, 3)))
+        lines = [None if t.neckline is None else resample(t.neckline, samples) for t in targets]
+        neckline, has_neckline = optional(lines, np.zeros((samples, 3)))
         connection, has_connection = optional([t.strap_point for t in targets], np.zeros(3))
         apex, has_apex = optional([t.apex for t in targets], np.zeros(3))
         unit = scale[:, None]

@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from cups import half_circle
+
+from brafit.cup import Cup, StripsCup, Wire
+from brafit.fit.measure import flat_panels
+from brafit.geometry.developable import regularity, twist_angle
+from brafit.geometry.development import arc_lengths
+from brafit.geometry.grid import sliding_derivative
+
+
+def straight_ended() -> Wire:
+    """A wire whose ends are straight: an arc between two tangents."""
+    angle = np.linspace(-1.2, 1.2, 60)
+    arc = 60 * np.stack((np.cos(angle), np.sin(angle), 0 * angle), axis=1)
+    along = np.array([-math.sin(1.2), math.cos(1.2), 0.0])
+    out = arc[-1] + np.linspace(2, 30, 15)[:, None] * along
+    into = out[::-1] * np.array([1.0, -1.0, 1.0])
+    return Wire.from_polyline(np.concatenate((into, arc, out)) - into[0])
+
+
+WIRES = {
+    "half circle": half_circle(),
+    "helix": Wire.from_omega((0.2, 0.9, 0.15), math.pi),
+    "straight ends": straight_ended(),
+}
+
+
+def wavy(wire: Wire, panels: int, batch: int = 1, terms: int = 6, **options: int) -> tuple[StripsCup, torch.Tensor]:
+    """Cups and parameters beside a plain start, the higher terms the smaller."""
+    cup = StripsCup(wire.select(torch.zeros(batch, dtype=torch.long)), panels, terms, **options)
+    share = torch.arange(1, panels + 1, dtype=torch.float64) / panels
+    cup.start((share * math.pi / 2).expand(batch, -1), torch.full((batch, panels), 0.8, dtype=torch.float64))
+    noise = torch.randn(batch, cup.size, generator=torch.Generator().manual_seed(panels), dtype=torch.float64)
+    order = torch.arange(terms, dtype=torch.float64)
+    order = torch.cat((torch.zeros(panels), order.repeat(2 * panels), torch.zeros(2)))
+    return cup, cup.flatten().detach() + 0.06 * noise / (1 + order**2)
+
+
+@pytest.mark.parametrize("panels", [1, 2, 3, 4])
+@pytest.mark.parametrize("wire", WIRES.values(), ids=WIRES)
+def test_panels_are_developable_between_the_nodes(wire, panels):
+    """Normals at the two ends of every ruling agree, by tangents measured from the edges alone."""
+    cup, flat = wavy(wire, panels)
+    flat[:, -2] = 0  # a corner has no tangent to measure
+    if panels == 1:
+        flat[:, 0] = math.pi / 2  # straight up: leaning in, its rulings would cross
+    shape = cup.shape_of(flat)
+    assert regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions).min() > 0.1
+    tangents = sliding_derivative(shape.edges, shape.stations)
+    assert torch.allclose(tangents, shape.tangents, rtol=0, atol=1e-4)
+    inner = slice(4, -4)
+    twist = twist_angle(tangents[:, :-1, inner], tangents[:, 1:, inner], shape.directions[:, :, inner])
+    assert torch.rad2deg(twist).max() < 1e-3
+
+
+@pytest.mark.parametrize("panels", [1, 2, 3])
+def test_edges_begin_and_end_with_the_wire(panels):
+    cup, flat = wavy(WIRES["helix"], panels)
+    shape = cup.shape_of(flat)
+    wire = cup.wire.sample(cup.stations)
+    assert torch.allclose(shape.edges[:, 0], wire, rtol=0, atol=1e-10)
+    for end in (0, -1):
+        assert torch.allclose(shape.edges[:, :, end], wire[:, None, end].expand(-1, panels + 1, -1), rtol=0, atol=1e-10)
+    reach = shape.edges[:, 1:] - shape.edges[:, :-1]
+    assert ((reach * shape.directions).sum(-1)[..., 1:-1] > 0).all()
+
+
+def test_half_cylinder_comes_out_exactly():
+    """One panel that leaves the half circle straight up, with rulings at right angles, is a cylinder."""
+    cup = StripsCup(half_circle(), panels=1, terms=3)
+    cup.start(torch.tensor([[0.5]], dtype=torch.float64), torch.tensor([[1.0]], dtype=torch.float64))
+    cup.load_flat(torch.tensor([[math.pi / 2, 0, 0, 0, 0.3, 0, 0, 0, 0]], dtype=torch.float64))
+    shape = cup()
+    height = math.exp(0.3) * (1 - (2 * cup.stations / math.pi - 1) ** 2)
+    assert torch.allclose(shape.edges[0, 1, :, :2], shape.edges[0, 0, :, :2], rtol=0, atol=1e-12)
+    assert torch.allclose(shape.edges[0, 1, :, 2], height, rtol=0, atol=1e-12)
+
+
+def test_start_puts_the_middle_of_each_edge_where_it_is_told():
+    cup = StripsCup(half_circle(), panels=2, terms=4, nodes=49)
+    angles = torch.tensor([[0.7, 1.5]], dtype=torch.float64)
+    reaches = torch.tensor([[1.1, 0.9]], dtype=torch.float64)
+    cup.start(angles, reaches)
+    middle = cup().edges[0, 1:, 100]
+    expected = torch.stack((reaches * torch.cos(angles), torch.ones_like(angles), reaches * torch.sin(angles)), dim=-1)
+    assert torch.allclose(middle, expected[0], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("terms", [None, 4, 6])
+@pytest.mark.parametrize("panels", [1, 2, 3])
+def test_closed_form_derivatives_are_those_of_forward_mode(panels, terms):
+    cup, flat = wavy(WIRES["helix"], panels, batch=2, terms=7, nodes=96)
+    own, other = cup.linearise(flat, terms), Cup.linearise(cup, flat, terms)
+    order = own.columns.argsort()
+    assert torch.equal(own.columns[order], other.columns)
+    for name in ("table", "margin_columns", "roughness"):
+        assert torch.allclose(getattr(own, name)[..., order], getattr(other, name), rtol=0, atol=1e-10), name
+    assert torch.allclose(own.margin, other.margin, rtol=0, atol=1e-12)
+
+
+def test_derivatives_against_central_differences():
+    cup, flat = wavy(WIRES["half circle"], 2)
+    linear = cup.linearise(flat)
+    direction = torch.randn(1, cup.size, dtype=torch.float64)
+    h = 1e-6
+    ahead, behind = cup.sketch(flat + h * direction), cup.sketch(flat - h * direction)
+    difference = (ahead.edges - behind.edges) / (2 * h)
+    n = cup.grid.s.shape[0]
+    analytic = (linear.table[:, : 3 * n] * direction[:, None, None, linear.columns]).sum(-1).view_as(difference)
+    assert torch.allclose(analytic, difference, rtol=0, atol=1e-7)
+
+
+def test_lengths_survive_flattening():
+    cup, flat = wavy(WIRES["helix"], 3)
+    shape = cup.shape_of(flat).map(lambda v: v[0])
+    plane = flat_panels(shape)
+    in_space = arc_lengths(shape.edges, shape.stations)[:, -1]
+    lower, upper = (arc_lengths(e, shape.stations)[:, -1] for e in (plane.lower, plane.upper))
+    assert torch.allclose(lower, in_space[:-1], rtol=0, atol=1e-5)
+    assert torch.allclose(upper, in_space[1:], rtol=0, atol=1e-5)
+
+
+def test_only_the_upper_edge_has_the_corner():
+    cup, flat = wavy(half_circle(), 2, stations=2001)
+    flat[:, -2] = 0
+    bent = flat.clone()
+    bent[:, -2], bent[:, -1] = -1.5, 0.2
+    smooth, shape = cup.shape_of(flat), cup.shape_of(bent)
+    assert torch.equal(smooth.edges[:, :2], shape.edges[:, :2])
+    turn = shape.tangents[0, 2] / shape.tangents[0, 2].norm(dim=-1, keepdim=True)
+    bend = (turn[1:] - turn[:-1]).norm(dim=-1)
+    place = 2 * shape.stations[int(bend.argmax())].item() / math.pi - 1
+    assert place == pytest.approx(0.2, abs=0.02)
+    step = sliding_derivative(shape.edges, shape.stations)
+    assert torch.allclose(step, shape.tangents, rtol=0, atol=1e-4)
+
+
+def test_each_cup_of_a_batch_is_as_if_alone():
+    cup, flat = wavy(WIRES["helix"], 3, batch=5)
+    together = cup.shape_of(flat)
+    linear = cup.linearise(flat)
+    for k in range(5):
+        one = cup.select(torch.tensor([k]))
+        alone = one.shape_of(flat[k : k + 1])
+        assert torch.allclose(alone.edges[0], together.edges[k], rtol=0, atol=1e-13)
+        assert torch.allclose(one.linearise(flat[k : k + 1]).table[0], linear.table[k], rtol=0, atol=1e-11)
+
+
+def test_single_precision_follows_double():
+    cup, flat = wavy(half_circle(), 2)
+    single = cup.select(torch.tensor([0])).float()
+    assert torch.allclose(single.shape_of(flat.float()).edges.double(), cup.shape_of(flat).edges, rtol=0, atol=1e-4)
+
+
+def test_refined_and_finer_grids_keep_the_cup():
+    cup, flat = wavy(WIRES["helix"], 2)
+    cup.load_flat(flat)
+    fine = cup.refined()
+    assert torch.allclose(fine().edges[:, :, ::2], cup().edges, rtol=0, atol=1e-8)
+    assert cup.finer().sketch(flat).edges.shape[2] > cup.sketch(flat).edges.shape[2]
+
+
+def test_impossible_sizes_are_refused():
+    with pytest.raises(ValueError, match="at least 24 nodes"):
+        StripsCup(half_circle(), terms=12, nodes=20)
+    with pytest.raises(ValueError, match="at least 1 term"):
+        StripsCup(half_circle(), terms=0)
