@@ -30,7 +30,7 @@ class Cleaning:
 
     Attributes:
         read: points in the file (or sampled on its mesh).
-        not_finite: coordinates NaN or infinite.
+        not_finite: coordinates NaN, infinite or absurdly large.
         elsewhere: far from the breast, not looked at.
         duplicates: repetitions of a point.
         outliers: removed as statistical outliers.

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from brafit.scan.engine import listening, open3d
 
@@ -53,6 +54,13 @@ def ply_elements(path: Path) -> list[Element]:
     elements = _elements(lines)
     _check_size(elements, form[1], size - start)
     return elements
+
+
+def cloud_ply(points: Float[np.ndarray, "n 3"], comment: str = "units mm") -> bytes:
+    """A cloud as a binary PLY in single precision."""
+    properties = "".join(f"property float {axis}\n" for axis in "xyz")
+    header = f"comment {comment}\nelement vertex {len(points)}\n{properties}end_header\n"
+    return f"ply\nformat binary_little_endian 1.0\n{header}".encode() + points.astype("<f4").tobytes()
 
 
 def read_vertices(path: Path) -> dict[str, np.ndarray]:

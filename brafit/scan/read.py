@@ -26,6 +26,8 @@ FORMATS = frozenset({".ply", ".pcd", ".npy", ".npz", *MESH_FORMATS, *TEXT_FORMAT
 SURE_FORMATS = FORMATS - {".txt", ".csv", ".asc", ".npy", ".npz"}
 """Those of them that hold hardly anything but scans; a file of the others may be anything."""
 
+ABSURD = 1e9
+"""A coordinate beyond this is no measurement in any unit: it counts as not finite."""
 READ_SECONDS = 120.0
 MESH_POINTS = 200_000
 
@@ -52,7 +54,7 @@ class Cloud:
         normals: unit normals, or None where the file has none.
         inside: True for points between wire and upper line, or None where the file has no property `inside`.
         faces: faces of the mesh that the points were sampled on; 0 for a cloud.
-        dropped: points that were left out because their coordinates are NaN or infinite.
+        dropped: points that were left out because their coordinates are NaN, infinite or absurdly large.
     """
 
     path: Path
@@ -165,10 +167,11 @@ def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarr
     if len(points) < MIN_POINTS:
         cause = f"the cloud is too small: {len(points)} point{'' if len(points) == 1 else 's'}"
         raise InputError(path, cause, f"A cup needs at least {MIN_POINTS}, and thousands to be good: scan more densely")
-    finite = np.isfinite(points).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        finite = (np.abs(points) < ABSURD).all(axis=1)
     good = int(finite.sum())
     # Scanners mark what they did not see by NaN; a file that is mostly so is no scan.
     if good < MIN_POINTS or 2 * good < len(points):
-        cause = f"{len(points) - good} of {len(points)} points have coordinates that are NaN or infinite"
+        cause = f"{len(points) - good} of {len(points)} points have coordinates that are NaN, infinite or absurdly large"
         raise InputError(path, cause, "Remove these points and export the cloud again")
     return finite
