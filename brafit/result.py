@@ -199,6 +199,7 @@ class Result:
             dimensions=self.dimensions(),
             sources=self.sources,
             files=[*files, "fit.json"],
+            warnings=self.fit.warnings,
         )
         picture = thumbnail_figure(self.target.points, self.fit.distances, self.shape, self.side)
         save_figure(picture, folder / "thumbnail.png", dpi=100)

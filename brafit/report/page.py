@@ -64,6 +64,7 @@ def write_report(
     dimensions: Sequence[Dimension],
     sources: Mapping[str, str],
     files: Sequence[str],
+    warnings: Sequence[str] = (),
 ) -> None:
     """Write one scan's page: the cup in 3D, its pieces, finished dimensions, fit figures, warnings, given and guessed.
 
@@ -75,6 +76,7 @@ def write_report(
         points, distances: of the fit, cup frame, mm; positive outside the cup.
         sources: for each input what was given, or what was taken in its place.
         files: other results in the same folder, to link to.
+        warnings: of the fit; those of the pattern are shown with them.
     """
     name = str(row.get("scan", pattern.name))
     limit = distance_limit(distances)
@@ -85,7 +87,7 @@ def write_report(
         f"<h1>{_text(name)}</h1>",
         f'<p class="soft">{_text(", ".join(about))}; {_text(row.get("reason") or "")}</p>',
         _facts(row, dimensions),
-        _warnings(pattern.warnings),
+        _warnings([*warnings, *pattern.warnings]),
         "<h2>Cup and cloud</h2>",
         _stage(limit),
         "<h2>Pieces</h2>",
@@ -170,7 +172,7 @@ def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension]) -> str:
 
 def _warnings(warnings: Sequence[str]) -> str:
     if not warnings:
-        return '<p class="fine">All checks of the pieces passed.</p>'
+        return '<p class="fine">All checks of fit and pieces passed.</p>'
     lines = "".join(f"<li>{_text(words)}</li>" for words in warnings)
     return f'<div class="warnings"><b>Warnings</b><ul>{lines}</ul></div>'
 
