@@ -75,6 +75,7 @@ def test_report_says_what_was_measured_given_and_guessed(tmp_path):
     assert "<h1>a &lt;b&gt; &amp; &quot;c&quot;</h1>" in text
     for words in (
         "wider than the material",
+        "the fit was not sure",
         "Finished dimensions",
         "apex to strap point",
         "area of all panels",
