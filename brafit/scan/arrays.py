@@ -41,7 +41,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _archive(path: Path) -> dict[str, np.ndarray]:
-    with np.load(path, allow_pickle=False) as archive:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         names = list(archive.files)
         key = next((name for name in POINT_KEYS if name in names), names[0] if len(names) == 1 else None)
         if key is None:

@@ -33,8 +33,8 @@ ENDS_ABOVE_APEX = 9.0
 """The middle of the wire's ends is at least so far above the apex, mm (in 14 breasts 8.7 to 21)."""
 PRIOR = 0.006
 """What one squared spread off the usual costs, in units of concavity."""
-SCALE = 11.0
-"""Radius in which hollowness is measured, mm."""
+SCALE, MOST = 11.0, 160
+"""Radius in which hollowness is measured, mm, and the most points in it that count."""
 HOLLOW = 0.03
 """Least concavity that counts as a crease."""
 DEEPEST = 0.15
@@ -169,7 +169,7 @@ def concavity(surface: Surface, radius: float) -> Float[np.ndarray, " n"]:
     R, positive in a crease; up to about 0.3 in a narrow one.
     """
     tree = KDTree(surface.points)
-    count = min(128, len(surface.points))
+    count = min(MOST, len(surface.points))
     distances, near = tree.query(surface.points, k=count, distance_upper_bound=radius)
     within = np.isfinite(distances)
     near = np.where(within, near, 0)

@@ -172,6 +172,8 @@ def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarr
     good = int(finite.sum())
     # Scanners mark what they did not see by NaN; a file that is mostly so is no scan.
     if good < MIN_POINTS or 2 * good < len(points):
-        cause = f"{len(points) - good} of {len(points)} points have coordinates that are NaN, infinite or absurdly large"
+        cause = (
+            f"{len(points) - good} of {len(points)} points have coordinates that are NaN, infinite or absurdly large"
+        )
         raise InputError(path, cause, "Remove these points and export the cloud again")
     return finite

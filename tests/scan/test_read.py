@@ -163,7 +163,8 @@ def test_coordinates_that_are_not_finite(tmp_path, capfd):
     points[:200] = np.nan
     path = write_ply(tmp_path / "b.ply", points)
     assert message(path, capfd) == (
-        "200 of 300 points have coordinates that are NaN, infinite or absurdly large. Remove these points and export the cloud again."
+        "200 of 300 points have coordinates that are NaN, infinite or absurdly large. "
+        "Remove these points and export the cloud again."
     )
 
 
