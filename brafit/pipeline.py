@@ -250,11 +250,11 @@ def _side(scan: Scan) -> Side:
 def _result(job: Job, scan: Scan, fit: CupFit, row: Row) -> Result:
     sources = {
         "points": f"{scan.path.name}, {len(scan.points)} used",
-        "wire": f"given ({len(scan.wire)} points)",
-        "side": f"given ({scan.side})",
-        "neckline": "none: only the points say where the cup ends" if scan.neckline is None else "given",
-        "strap point": "none" if scan.strap_point is None else "given",
-        "apex": "not given: the cup's point farthest from the chest" if scan.apex is None else "given",
+        "wire": f"{scan.origin.wire} ({len(scan.wire)} points)",
+        "side": f"{scan.origin.marks} ({scan.side})",
+        "neckline": "none: only the points say where the cup ends" if scan.neckline is None else scan.origin.neckline,
+        "strap point": "none" if scan.strap_point is None else scan.origin.marks,
+        "apex": "not given: the cup's point farthest from the chest" if scan.apex is None else scan.origin.marks,
     }
     details = {key: row.get(key) for key in ("reason", "cup", "solver", "panels", "terms")}
     return Result(fit, _target(scan), _side(scan), scan.frame, job.pattern, sources, details)
