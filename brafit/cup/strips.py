@@ -51,6 +51,8 @@ class StripsCup(Cup):
             have one corner.
     """
 
+    _to_stations: Tensor
+
     def __init__(
         self,
         wire: Wire,
@@ -338,9 +340,8 @@ class StripsCup(Cup):
 
     def select(self, index: Tensor) -> "StripsCup":
         cup = copy.copy(self)
-        cup._parameters, cup._modules, cup._buffers = (
-            dict(v) for v in (self._parameters, self._modules, self._buffers)
-        )
+        cup._parameters, cup._modules = dict(self._parameters), dict(self._modules)
+        cup._buffers = dict(self._buffers)
         for name in self.layout:
             cup.register_parameter(name, nn.Parameter(self.get_parameter(name).detach()[index]))
         cup.wire = self.wire.select(index)

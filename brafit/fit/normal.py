@@ -42,8 +42,9 @@ class Normal:
 
     def map(self, function: Callable[[Tensor], Tensor]) -> "Normal":
         """With `function` applied to every tensor."""
-        parts = (function(v) for v in (self.value, self.gradient, self.matrix, self.margin))
-        return Normal(*parts, {k: function(v) for k, v in self.terms.items()})
+        terms = {k: function(v) for k, v in self.terms.items()}
+        value, gradient, matrix = function(self.value), function(self.gradient), function(self.matrix)
+        return Normal(value, gradient, matrix, function(self.margin), terms)
 
 
 @torch.no_grad()

@@ -77,7 +77,7 @@ def test_normal_equations_have_the_gradient_of_the_objective(kind):
 
 
 def test_a_strips_cup_is_recovered_from_clean_points():
-    """Two panels on a wire that is not planar: edges within 1e-5 of its length, as far as the neckline's chords allow."""
+    """Two panels on a wire that is not planar: edges within 1e-5 of its length (the neckline has chords)."""
     cup = strips(terms=4)
     flat = varied(cup)
     dense = StripsCup(cup.wire, 2, 4, stations=3201).shape_of(flat).map(lambda v: v[0])
