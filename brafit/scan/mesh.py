@@ -73,6 +73,8 @@ def _load(path: Path) -> tuple[np.ndarray, np.ndarray]:
     trimesh = _trimesh()
     # Materials and textures are not asked for, so that a missing image is no fault; STL repeats its vertices.
     options: dict[str, Any] = {"process": False}
+    if path.suffix.lower() == ".off":
+        _check_off(path)
     if path.suffix.lower() == ".obj":
         options["skip_materials"] = True
     try:
@@ -97,6 +99,28 @@ def _load(path: Path) -> tuple[np.ndarray, np.ndarray]:
         np.concatenate([np.empty((0, 3)), *vertices]),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *moved]),
     )
+
+
+def _check_off(path: Path) -> None:
+    """Refuse an OFF whose lines do not fit its counts, which trimesh would read shifted."""
+    lines = [words for line in path.read_text(errors="replace").splitlines() if (words := line.split("#")[0].split())]
+    if not lines or not lines[0][0].upper().endswith("OFF"):
+        raise ValueError("its first line is not 'OFF'")
+    lines[0] = lines[0][1:]
+    lines = lines if lines[0] else lines[1:]
+    counts = lines[0][:3] if lines else []
+    if len(counts) < 2 or not all(word.isascii() and word.isdigit() and len(word) < 12 for word in counts):
+        raise ValueError("it does not say how many vertices and faces it has")
+    vertices, faces = int(counts[0]), int(counts[1])
+    if len(lines) - 1 < vertices + faces:
+        raise ValueError(f"it promises {vertices} vertices and {faces} faces, {len(lines) - 1} lines follow")
+    shifted = [words for words in lines[1 + vertices : 1 + vertices + faces] if len(words) < 1 + _sides(words[0])]
+    if shifted or any(len(words) < 3 for words in lines[1 : 1 + vertices]):
+        raise ValueError("its lines are not as many vertices and faces as it promises")
+
+
+def _sides(word: str) -> int:
+    return int(word) if word.isascii() and word.isdigit() and 3 <= int(word) < 100 else 10_000
 
 
 def _faces(part: Any) -> np.ndarray:
