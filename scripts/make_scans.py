@@ -69,7 +69,7 @@ def bodies() -> Any:
         BrafitError: anny is not installed.
     """
     try:
-        import anny
+        import anny  # pyright: ignore[reportMissingImports]
     except ModuleNotFoundError:
         raise BrafitError("anny, which makes the bodies, is missing. Run: pip install 'brafit[bodies]'") from None
     return anny.create_fullbody_model(all_phenotypes=True, triangulate_faces=True)

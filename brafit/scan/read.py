@@ -176,4 +176,4 @@ def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarr
             f"{len(points) - good} of {len(points)} points have coordinates that are NaN, infinite or absurdly large"
         )
         raise InputError(path, cause, "Remove these points and export the cloud again")
-    return finite
+    return np.asarray(finite)

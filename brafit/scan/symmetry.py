@@ -69,7 +69,7 @@ def _refine(
     for _ in range(rounds):
         signed = moving @ normal - offset
         image = moving - 2 * signed[:, None] * normal
-        distance, near = tree.query(image)
+        distance, near = (np.asarray(found) for found in tree.query(image))
         kept = distance <= np.quantile(distance, 0.8)
         q, m, p, s = points[near[kept]], normals[near[kept]], moving[kept], signed[kept]
         residual = ((image[kept] - q) * m).sum(axis=1)
