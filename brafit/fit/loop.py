@@ -99,7 +99,8 @@ def fit_targets(
     solution = solver.solve(objective, model.flatten().detach(), callback)
 
     final = objective.value(solution.flat, Pressure(solution.pressure.penalty))
-    final = torch.where(final.isfinite(), final, torch.inf).view(-1, restarts)
+    dropped = torch.tensor([code is ResultCode.DROPPED for code in solution.codes], device=device)
+    final = torch.where(final.isfinite() & ~dropped, final, torch.inf).view(-1, restarts)
     best = final.argmin(1).cpu() + torch.arange(len(targets)) * restarts
     winners = model.select(best.to(device))
     flat = solution.flat[best.to(device)]

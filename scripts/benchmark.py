@@ -1,0 +1,315 @@
+"""Measures the strips cup and the lm solver: every figure of the README's table comes from one run of this script.
+
+    python scripts/benchmark.py FOLDER_OF_BREASTS            all parts but the slow ones
+    python scripts/benchmark.py FOLDER --slow                with 100 starts and the paper's solver
+    python scripts/benchmark.py FOLDER --only breasts,speed  some parts
+
+Times are CPU times of this process, so that a busy machine does not spoil ratios; the throughput is wall time as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import resource
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from hydra import compose, initialize_config_module
+from hydra.utils import instantiate
+from scipy.optimize import least_squares
+from torch import Tensor
+
+from brafit.config import register
+from brafit.cup import CupShape, FramesCup, StripsCup, Wire
+from brafit.fit import LM, Conditions, LMStage, NelderMead, Target, fit_targets
+from brafit.fit.lm import minimise
+from brafit.fit.loop import in_millimetres
+from brafit.fit.measure import flat_panels
+from brafit.fit.objective import Objective, Pressure
+from brafit.fit.start import start_profiles
+from brafit.fit.targets import Targets
+from brafit.scan import find_scans, load_scan
+from brafit.scan.synthetic import on_panels, quarter_sphere
+
+POINTS = 2000
+RESTARTS = 3
+WIRE = 200.0
+"""Length of the synthetic wires, mm."""
+
+
+def shipped() -> tuple[LM, Conditions]:
+    """Solver and conditions as `brafit cup=strips solver=lm` has them."""
+    register()
+    with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
+        config = compose("config", overrides=["cup=strips", "solver=lm"])
+    return instantiate(config.solver), instantiate(config.condition)
+
+
+def breasts(folder: str, count: int = POINTS) -> list[Target]:
+    """The scans of a folder, each with so many of its points, drawn at random without regard to their density."""
+    targets = []
+    for path in find_scans([folder]):
+        scan = load_scan(path, points=None, outliers=None)
+        chosen = np.random.default_rng(0).permutation(len(scan.points))[:count]
+        points = scan.points[chosen]
+        targets.append(Target(scan.name, points, scan.wire, scan.neckline, scan.strap_point, scan.apex))
+    return targets
+
+
+def report_breasts(targets: list[Target]) -> None:
+    """Figures of every scan with two and three panels."""
+    solver, conditions = shipped()
+    for panels in (2, 3):
+        fits = fit_targets(targets, partial(StripsCup, panels=panels), solver, conditions, restarts=RESTARTS)
+        print(f"\n{panels} panels: RMS, p95, max, upper edge, margin, twist deg, isometry, seam, drift (mm), status")
+        for fit in fits:
+            f = fit.figures
+            print(
+                f"  {fit.name:12} {f['rms_mm']:6.2f} {f['p95_mm']:6.1f} {f['max_mm']:6.1f} {f['upper_edge_mm']:6.2f}"
+                f" {f['regularity_min']:6.3f} {f['twist_deg_max']:8.1e} {f['isometry_mm']:8.1e}"
+                f" {f['seam_mismatch_mm']:8.1e} {f['wire_drift_mm']:8.1e} {fit.code.name.lower()}"
+            )
+        print(f"  median RMS {np.median([fit.figures['rms_mm'] for fit in fits]):.2f} mm")
+
+
+def problems(targets: list[Target], panels: int) -> Objective:
+    """One start per scan, as a batch."""
+    wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])
+    cup = StripsCup(wires, panels)
+    angles, reaches = (np.concatenate(v) for v in zip(*(start_profiles(t, panels, 1) for t in targets), strict=True))
+    batch = Targets.stack(targets, cup.wire.scale)
+    cup.start(torch.as_tensor(angles), torch.as_tensor(reaches) / batch.scale[:, None])
+    return Objective(cup, batch, shipped()[1])
+
+
+def report_steps(targets: list[Target]) -> None:
+    """Gauss-Newton steps until the objective is within 1 % of where each stage ends."""
+    solver, _ = shipped()
+    for panels in (2, 3):
+        objective = problems(targets, panels)
+        place = objective.cup.flatten().detach()
+        counts = []
+        for stage in solver.stages:
+            part = objective if stage.points is None else objective.thinned(stage.points)
+            place = part.cup.place_corner(place, part.targets.connection, part.targets.has_connection)
+            ending = minimise(part, place, Pressure(1.0), stage, lambda index, terms: None)
+            place = ending.place
+            near = (ending.history <= 1.01 * ending.history[-1]).double().argmax(0) + 1
+            counts.append(int(near.median()))
+        print(f"{panels} panels: median steps to within 1 % per stage: {counts}")
+
+
+def report_speed(targets: list[Target]) -> None:
+    """Scans per second of the whole batch, all starts and the measurement included."""
+    solver, conditions = shipped()
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        best = (math.inf, math.inf)
+        for _ in range(3):
+            wall, cpu = time.perf_counter(), time.process_time()
+            fit_targets(targets, partial(StripsCup, panels=2), solver, conditions, restarts=RESTARTS)
+            best = min(best, (time.perf_counter() - wall, time.process_time() - cpu))
+        print(
+            f"{len(targets)} scans, {RESTARTS} starts, {threads} threads: {len(targets) / best[0]:.2f} scans/s"
+            f" ({best[0]:.1f} s, {best[1]:.1f} s CPU)"
+        )
+    torch.set_num_threads(1)
+
+
+def report_memory(folder: str) -> None:
+    """200,000 points of one scan without thinning (drawn with repetition where it has fewer)."""
+    target = breasts(folder, 10**9)[0]
+    rng = np.random.default_rng(0)
+    many = replace(target, points=target.points[rng.integers(len(target.points), size=200_000)])
+    solver, conditions = shipped()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    wall = time.perf_counter()
+    fit = fit_targets([many], partial(StripsCup, panels=2), solver, conditions)[0]
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(
+        f"200,000 points: RMS {fit.figures['rms_mm']:.2f} mm in {time.perf_counter() - wall:.1f} s,"
+        f" peak memory {before:.2f} -> {after:.2f} GiB"
+    )
+
+
+def sphere_objective(cup: StripsCup | FramesCup, **conditions: float) -> Objective:
+    """The paper's Case 1 in units of R: quarter sphere, pole held."""
+    points = quarter_sphere(1000, 1.0, np.random.default_rng(0)).numpy()
+    target = Target("sphere", points, np.zeros((0, 3)), strap_point=np.array([0.0, 1.0, 1.0]))
+    batch = Targets.stack([target], torch.ones(1, dtype=torch.float64)).select(torch.zeros(cup.batch, dtype=torch.long))
+    settings: dict[str, Any] = {"connection": 0.01, "connection_width": 0.02, "smoothness": 1e-8, **conditions}
+    return Objective(cup, batch, Conditions(**settings))
+
+
+def sphere_stages() -> LM:
+    return LM(
+        [
+            LMStage(steps=30, terms=4, points=400, tolerance=1e-4),
+            LMStage(steps=20, terms=6, points=400, tolerance=1e-4),
+            LMStage(steps=60, tolerance=1e-6),
+        ]
+    )
+
+
+def report_sphere(starts: int) -> None:
+    for panels in (2, 3):
+        rng = np.random.default_rng(5)
+        wire = Wire.from_arc(1.0, math.pi).select(torch.zeros(starts, dtype=torch.long))
+        cup = StripsCup(wire, panels, terms=8)
+        share = np.arange(1, panels + 1) / panels
+        angles = share * math.pi / 2 + rng.uniform(-0.25, 0.25, (starts, panels)) / panels
+        cup.start(torch.as_tensor(angles), torch.as_tensor(rng.uniform(0.8, 1.2, (starts, panels))))
+        objective = sphere_objective(cup)
+        solution = sphere_stages().solve(objective, cup.flatten().detach(), None)
+        shape = cup.shape_of(solution.flat)
+        rms = 100 * objective.distances(shape, objective.feet(shape)).square().mean(1).sqrt()
+        near = (rms < 1.02 * rms.min()).double().mean()
+        print(
+            f"case 1, {panels} panels, {starts} random starts: RMS best {rms.min():.3f} % of R, median"
+            f" {rms.median():.3f}, worst {rms.max():.3f}; {near:.0%} within 2 % of the best"
+        )
+
+
+def known_cup(panels: int) -> tuple[StripsCup, Tensor]:
+    """An asymmetric cup of the model on a wire that is not planar."""
+    wire = Wire.from_omega((0.15 * math.pi / WIRE, 0.9 * math.pi / WIRE, 0.1 * math.pi / WIRE), WIRE)
+    cup = StripsCup(wire, panels, terms=6)
+    share = torch.arange(1, panels + 1, dtype=torch.float64) / panels
+    cup.start(1.5 * share[None], torch.ones(1, panels, dtype=torch.float64))
+    noise = torch.randn(1, cup.size, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    order = torch.arange(6, dtype=torch.float64)
+    order = torch.cat((torch.zeros(panels), order.repeat(2 * panels), torch.zeros(2)))
+    flat = cup.flatten().detach() + 0.08 * noise / (1 + order**2).sqrt()
+    flat[:, -2:] = 0
+    return cup, flat
+
+
+def pattern_gap(a: CupShape, b: CupShape) -> float:
+    """Largest distance between the outlines of the flat patterns of two cups."""
+    first, second = flat_panels(a), flat_panels(b)
+    gaps = [(x - y).norm(dim=-1).max().item() for x, y in ((first.lower, second.lower), (first.upper, second.upper))]
+    return max(gaps)
+
+
+def report_recovery() -> None:
+    """Case 2: points on a known cup, its neckline given in 2,561 points."""
+    stages = [LMStage(steps=30, terms=4, points=400, tolerance=1e-3), LMStage(steps=150, tolerance=1e-13)]
+    for panels in (2, 3):
+        cup, flat = known_cup(panels)
+        scale = cup.wire.scale
+        fine = StripsCup(cup.wire, panels, 6, stations=12801).shape_of(flat).map(lambda v: v[0])
+        unit_shape = cup.shape_of(flat).map(lambda v: v[0])
+        truth = in_millimetres(unit_shape, scale.item())
+        clean = on_panels(truth, POINTS, np.random.default_rng(0)).numpy()
+        line = (fine.edges[-1] * scale).numpy()
+        errors = []
+        for noise in (0.0, 0.1, 0.5, 1.0):
+            points = clean + noise * np.random.default_rng(1).standard_normal(clean.shape)
+            target = Target("known", points, np.zeros((0, 3)), neckline=line)
+            conditions = Conditions(smoothness=0.0, connection=0.0, barrier=1e-4, margin=0.0)
+            objective = Objective(cup, Targets.stack([target], scale, 2561), conditions)
+            solution = LM(stages).solve(objective, cup.flatten().detach(), None)
+            found = in_millimetres(cup.shape_of(solution.flat).map(lambda v: v[0]), scale.item())
+            edge = (found.edges - truth.edges).norm(dim=-1).max().item()
+            errors.append(f"{noise:g} mm: {edge / WIRE:.1e} / {pattern_gap(found, truth) / WIRE:.1e}")
+        print(f"case 2, {panels} panels, error of edges / patterns over wire length, by noise: {'; '.join(errors)}")
+
+
+def residual_function(objective: Objective) -> Callable[[np.ndarray], np.ndarray]:
+    """All residuals of one problem, times the roots of their weights."""
+
+    @torch.no_grad()
+    def residuals(flat: np.ndarray) -> np.ndarray:
+        place = torch.as_tensor(flat)[None]
+        shape = objective.cup.sketch(place)
+        points = objective.points_block(objective.distances(shape, objective.feet(shape)))
+        blocks = [points, *objective.blocks(place, shape, Pressure(1.0))]
+        parts = [(b.weight * b.loss(b.squared())[0]).clamp_min(0).sqrt().expand_as(b.squared()) for b in blocks]
+        return torch.cat([p[0] for p in parts]).numpy()
+
+    return residuals
+
+
+def report_scipy(targets: list[Target]) -> None:
+    """The last stage, all terms free and all points, by us in a batch and by SciPy one by one, from the same start."""
+    objective = problems(targets, 2)
+    place = objective.cup.flatten().detach()
+    begun = time.process_time()
+    ending = minimise(objective, place, Pressure(1.0), LMStage(steps=60, tolerance=1e-4), lambda index, terms: None)
+    ours = (time.process_time() - begun) / len(targets)
+    one = torch.tensor([0])
+    begun = time.process_time()
+    other = least_squares(residual_function(objective.select(one)), place[0].numpy(), ftol=1e-4, max_nfev=60)
+    theirs = time.process_time() - begun
+    print(
+        f"least_squares on {targets[0].name}: {theirs:.1f} s CPU to {2 * other.cost:.3e}; ours in a batch of"
+        f" {len(targets)}: {ours:.3f} s CPU per scan, {ending.value[0]:.3e}: {theirs / ours:.0f} times faster"
+    )
+
+
+def report_paper(seconds: float) -> None:
+    """The paper's model and solver on Case 1, and the time the strips need to be as near."""
+    frames = FramesCup(Wire.from_arc(1.0, math.pi), panels=2, terms=4, basis="fourier")
+    frames.start(torch.tensor([[math.pi / 4, math.pi / 2]]).double(), torch.ones(1, 2).double())
+    objective = sphere_objective(frames, barrier=0.0)
+    begun = time.process_time()
+    solution = NelderMead(seconds=seconds).solve(objective, frames.flatten().detach(), None)
+    theirs = time.process_time() - begun
+    shape = frames.shape_of(solution.flat)
+    goal = objective.distances(shape, objective.feet(shape)).abs().mean().item()
+    cup = StripsCup(Wire.from_arc(1.0, math.pi), 2, terms=4)
+    cup.start(torch.tensor([[math.pi / 4, math.pi / 2]]).double(), torch.ones(1, 2).double())
+    for steps in range(1, 61):
+        begun = time.process_time()
+        ours = LM([LMStage(steps=steps)]).solve(sphere_objective(cup), cup.flatten().detach(), None)
+        spent = time.process_time() - begun
+        mean = objective_mean(sphere_objective(cup), ours.flat)
+        if mean <= goal:
+            break
+    print(
+        f"Nelder-Mead: mean error {100 * goal:.2f} % of R after {theirs:.1f} s CPU; strips: {100 * mean:.2f} % in"
+        f" {spent:.3f} s ({steps} steps): {theirs / spent:.0f} times faster"
+    )
+
+
+def objective_mean(objective: Objective, flat: Tensor) -> float:
+    shape = objective.cup.shape_of(flat)
+    return objective.distances(shape, objective.feet(shape)).abs().mean().item()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="breast scans with their landmark files")
+    parser.add_argument("--only", default="breasts,steps,sphere,recovery,scipy,memory,speed", help="parts, by commas")
+    parser.add_argument("--slow", action="store_true", help="100 starts in case 1, and the paper's solver")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    parts = set(options.only.split(","))
+    targets = breasts(str(options.folder)) if parts & {"breasts", "steps", "scipy", "speed"} else []
+    if "breasts" in parts:
+        report_breasts(targets)
+    if "steps" in parts:
+        report_steps(targets)
+    if "sphere" in parts:
+        report_sphere(100 if options.slow else 10)
+    if "recovery" in parts:
+        report_recovery()
+    if "scipy" in parts:
+        report_scipy(targets)
+    if "memory" in parts:
+        report_memory(str(options.folder))
+    if "speed" in parts:
+        report_speed(targets)
+    if options.slow:
+        report_paper(seconds=120)
+
+
+if __name__ == "__main__":
+    main()
