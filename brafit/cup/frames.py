@@ -42,6 +42,9 @@ class FramesCup(Cup):
     """
 
     reference: Tensor
+    _at_stations: Tensor
+    _at_gauss: Tensor
+    _wire_lines: Tensor
 
     def __init__(self, wire: Wire, panels: int = 2, terms: int = 6, stations: int = 101, basis: str = "cosine"):
         super().__init__(wire, panels, stations)

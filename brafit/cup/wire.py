@@ -129,9 +129,8 @@ class Wire(nn.Module):
         series = _fit_series(x, points / scale, chords, smoothing) * scale
         positions, length = _by_arc_length(series)
         wire = _from_samples(positions, length, 0.0)
-        dense = wire.sample(torch.linspace(0, LENGTH, 1001, dtype=torch.float64))[0].numpy() * wire.scale.item()
-        off = max(_distance_to_polyline(p, dense) for p in points)
-        return Wire(wire.coefficients, wire.scale, torch.tensor([off], dtype=torch.float64))
+        off = _distances(wire, torch.from_numpy(points) / wire.scale).max() * wire.scale
+        return Wire(wire.coefficients, wire.scale, off)
 
 
 def _from_samples(positions: np.ndarray, length: float, smoothing: float) -> Wire:
@@ -174,7 +173,16 @@ def _by_arc_length(series: np.ndarray) -> tuple[np.ndarray, float]:
     return chebyshev.chebval(place, series).T, float(arc[-1])
 
 
-def _distance_to_polyline(point: np.ndarray, line: np.ndarray) -> float:
-    start, step = line[:-1], np.diff(line, axis=0)
-    t = (((point - start) * step).sum(1) / (step * step).sum(1)).clip(0, 1)
-    return float(np.linalg.norm(start + t[:, None] * step - point, axis=1).min())
+def _distances(wire: Wire, points: Float[Tensor, "k 3"]) -> Float[Tensor, " k"]:
+    """Distances of points from one wire: the nearest of many samples, then Newton's steps to the foot points."""
+    coarse = torch.linspace(0, LENGTH, 401, dtype=torch.float64)
+    nearest = torch.cdist(points, wire.sample(coarse)[0]).argmin(1)
+    low, high = coarse[(nearest - 1).clamp_min(0)], coarse[(nearest + 1).clamp_max(400)]
+    s = coarse[nearest]
+    for _ in range(4):
+        x, x1, x2 = (wire.sample(s, k)[0] for k in range(3))
+        slope = ((x - points) * x1).sum(-1)
+        bend = (x1 * x1).sum(-1) + ((x - points) * x2).sum(-1)
+        step = torch.where(bend > 0, slope / torch.where(bend > 0, bend, 1.0), 0.0)
+        s = torch.minimum(torch.maximum(s - step, low), high)
+    return (wire.sample(s)[0] - points).norm(dim=-1)

@@ -168,7 +168,7 @@ def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarr
         cause = f"the cloud is too small: {len(points)} point{'' if len(points) == 1 else 's'}"
         raise InputError(path, cause, f"A cup needs at least {MIN_POINTS}, and thousands to be good: scan more densely")
     with np.errstate(invalid="ignore"):
-        finite = (np.abs(points) < ABSURD).all(axis=1)
+        finite = np.asarray((np.abs(points) < ABSURD).all(axis=1))
     good = int(finite.sum())
     # Scanners mark what they did not see by NaN; a file that is mostly so is no scan.
     if good < MIN_POINTS or 2 * good < len(points):
@@ -176,4 +176,4 @@ def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarr
             f"{len(points) - good} of {len(points)} points have coordinates that are NaN, infinite or absurdly large"
         )
         raise InputError(path, cause, "Remove these points and export the cloud again")
-    return np.asarray(finite)
+    return finite

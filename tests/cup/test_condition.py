@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ def test_gaps_to_points_have_the_distances_from_the_edge_between_its_stations():
             for p, distance in zip(points[b].numpy(), own[b].tolist(), strict=True):
                 start = dense[np.linalg.norm(curve(dense) - p, axis=1).argmin()]
                 low, high = max(start - 0.01, 0.0), min(start + 0.01, math.pi)
-                ending = minimize_scalar(
+                ending: Any = minimize_scalar(
                     lambda s, curve=curve, p=p: np.linalg.norm(curve(s) - p), bounds=(low, high), method="bounded"
                 )
                 truth = min(ending.fun, np.linalg.norm(curve(low) - p), np.linalg.norm(curve(high) - p))

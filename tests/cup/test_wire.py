@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +36,9 @@ def distance_to(wire: Wire, point: np.ndarray) -> float:
         return float(np.linalg.norm(wire.sample(torch.tensor([s], dtype=torch.float64))[0, 0].numpy() * scale - point))
 
     near = DENSE[np.linalg.norm(positions(wire).numpy() - point, axis=1).argmin()].item()
-    around = minimize_scalar(distance, bounds=(near - 0.02, near + 0.02), method="bounded", options={"xatol": 1e-10})
+    around: Any = minimize_scalar(
+        distance, bounds=(near - 0.02, near + 0.02), method="bounded", options={"xatol": 1e-10}
+    )
     return min(float(around.fun), distance(near))
 
 
