@@ -51,7 +51,9 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
         if _child is None or _child.owner != os.getpid() or not _child.alive():
             _child = _Child()
         try:
-            kind, content = _child.ask((reader, str(path), arguments), seconds)
+            kind, content = _child.ask(
+                (reader, str(path.absolute()), arguments), seconds
+            )  # the child has its own folder
         except (EOFError, OSError, TimeoutError) as error:
             ending = _child.end()
             _child = None

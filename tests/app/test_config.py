@@ -14,7 +14,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from brafit.config import check, explain, register, sources
-from brafit.cup import FramesCup
+from brafit.cup import FramesCup, StripsCup
 from brafit.errors import ConfigError
 from brafit.fit import Conditions
 from brafit.fit.anneal import OPTIMISERS
@@ -47,7 +47,7 @@ def test_defaults_pass_their_own_checks() -> None:
     config = composed()
     check(config)
     assert sources(config) == ["samples"]
-    assert (config.cup.panels, config.cup.terms, config.scan.points) == (2, 6, 2000)
+    assert (config.cup.panels, config.cup.terms, config.scan.points) == (2, 12, 2000)
 
 
 @pytest.mark.parametrize(
@@ -80,11 +80,17 @@ def test_defaults_pass_their_own_checks() -> None:
     ],
 )
 def test_overrides_compose(override: str, key: str, value: Any) -> None:
-    config = composed(override)
+    config = composed(*within(override))
     check(config)
     for part in key.split("."):
         config = config[int(part) if part.isdigit() else part]
     assert config == value
+
+
+def within(override: str) -> list[str]:
+    """The override, together with the cup and solver whose keys these tests know, unless it chooses such a group."""
+    chooses = override.startswith(("cup=", "solver=", "experiment="))
+    return [override] if chooses else ["cup=frames", "solver=anneal", override]
 
 
 def test_an_override_beats_an_experiment() -> None:
@@ -97,7 +103,7 @@ def test_an_override_beats_an_experiment() -> None:
         ("cup.pannels=3", ["cup.pannels", "did you mean cup.panels?", "terms"]),
         ("scan.foo=1", ["scan.foo", "allowed in scan", "outliers"]),
         ("devise=cpu", ["devise", "did you mean device?"]),
-        ("cup=framez", ["cup=framez", "allowed: frames"]),
+        ("cup=framez", ["cup=framez", "allowed: frames, strips"]),
         ("experiment=slow", ["experiment=slow", "quick"]),
         ("cup.panels=two", ["cup.panels=two", "whole number"]),
         ("cup.panels=0", ["cup.panels=0", "from 1 to 8"]),
@@ -123,7 +129,7 @@ def test_an_override_beats_an_experiment() -> None:
     ],
 )
 def test_wrong_settings_are_refused_in_one_line(override: str, words: list[str]) -> None:
-    line = refusal(override)
+    line = refusal(*within(override))
     assert "\n" not in line
     for word in words:
         assert word in line
@@ -141,7 +147,7 @@ def test_every_choice_is_named_in_the_help() -> None:
 
 
 def test_words_are_those_that_the_code_knows() -> None:
-    config = composed()
+    config = composed("cup=frames", "solver=anneal")
     for basis in BASES:
         config.cup.basis = basis
         check(config)
@@ -162,9 +168,14 @@ def test_defaults_are_those_of_the_code() -> None:
     for item in fields(PatternOptions):
         one, other = getattr(pattern, item.name), getattr(plain, item.name)
         assert (list(one) if isinstance(other, tuple) else one) == (list(other) if isinstance(other, tuple) else other)
-    for function, group in ((FramesCup, "cup"), (load_scan, "scan")):
+    frames = composed("cup=frames").cup
+    for function, group, values in (
+        (StripsCup, "cup=strips", config.cup),
+        (FramesCup, "cup=frames", frames),
+        (load_scan, "scan", config.scan),
+    ):
         known = {name: entry.default for name, entry in inspect.signature(function).parameters.items()}
-        for key, value in config[group].items():
+        for key, value in values.items():
             if not str(key).startswith("_"):
                 assert known[str(key)] == value, f"{group}.{key}"
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_module
-from omegaconf import OmegaConf
+from omegaconf import ListConfig, OmegaConf
 
 from brafit import __version__
 from brafit.config import register
@@ -50,7 +51,16 @@ def test_readme_names_settings_and_their_defaults(key: str, default: str) -> Non
         assert default == "runs/DATE_TIME"
     else:
         value = OmegaConf.select(config, key, throw_on_missing=True)
-        assert ("null" if value is None else f"{value:g}" if isinstance(value, float) else str(value)) == default
+        assert written(value) == default
+
+
+def written(value: Any) -> str:
+    """A value as one writes it on the command line."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, ListConfig):
+        return f"[{','.join(map(str, value))}]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def test_readme_explains_every_column() -> None:

@@ -48,7 +48,8 @@ def test_only_wire_and_side_are_required(tmp_path):
 def test_repeated_wire_points_are_dropped(tmp_path):
     wire = [[0, 0, 0], [0, 0, 0], [1, 2, 0], [2, 3, 0], [2, 3, 0], [3, 3, 0]]
     read = read_landmarks(changed(tmp_path, wire=wire)).wire
-    assert read is not None and len(read) == 4
+    assert read is not None
+    assert len(read) == 4
 
 
 @pytest.mark.parametrize(
