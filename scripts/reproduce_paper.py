@@ -172,7 +172,7 @@ def case_1(out: Path, patience: float) -> None:
     short = run("ours, hurried", quick(8))
     theirs = [run("paper's solver, equal time", NelderMead(seconds=ours.seconds))]
     if patience > 0:
-        theirs.append(run("paper's solver, until it stops", NelderMead(seconds=patience)))
+        theirs.append(run(f"paper's solver, {patience:g} s at most", NelderMead(seconds=patience)))
     print("\nCase (1): 1000 points on the quarter sphere, 2 panels, 6 Ritz terms")
     print_table([ours, short, *theirs])
     for other in theirs:
