@@ -322,6 +322,8 @@ def explain(error: BaseException, overrides: list[str]) -> str:
     if match := re.match(r"Value '(.*)' of type '\w+' could not be converted to (\w+)", str(cause)):
         kind = {"Integer": "a whole number", "Float": "a number", "Boolean": "true or false"}.get(match[2], match[2])
         return f"{key}={match[1]}: must be {kind}"
+    if match := re.match(r"Invalid value assigned: (\w+) is not a ListConfig", str(cause)):
+        return f"{key}: must be a list: {key}=[VALUE,VALUE]"
     if key and re.match(r"Key '.*' (is not in struct|not in ')", str(cause)):
         return _unknown_key(str(key), overrides)
     return " ".join(str(cause).split()) or type(cause).__name__

@@ -181,6 +181,8 @@ def _finish(job: Job, scan: Scan, fit: CupFit, recorder: Recorder, nest: list[Pa
             result = _result(job, scan, fit, row)
             extra = _scan_facts(scan, fit)
             result.save(job.out / scan.name, extra | _provenance(job, scan.path))
+            for warning in (*fit.warnings, *result.patterns().warnings):
+                tqdm.write(f"warning: {scan.name}: {warning}", file=sys.stderr)
             patterns = pattern_figure(result.patterns(), scan.name)
             view = fit_figure(scan.points, fit.distances, fit.shape, scan.name, _side(scan))
             recorder.images(scan.name, patterns=patterns, fit=view)
