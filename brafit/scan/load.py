@@ -200,11 +200,18 @@ def _with_marks(
         remedy = f"Write {path.name} (brafit-inspect proposes one), or set scan.propose=true"
         raise InputError(raw.path, f"no landmark file {path.name} beside the cloud", remedy)
     marks = read_landmarks(path, side)
+    declared = marks.units
     unit, found = _marks_unit(raw, marks, units)
     factor = MILLIMETRES[unit]
     marks = marks.mapped(lambda p: p * factor, units="mm")
     placed = marks.positions()
     of_cloud = units or (cloud_unit(raw.points, placed) if len(placed) > 3 else None) or unit
+    if of_cloud != unit and declared:
+        cause = f"the cloud is in {NAMES[of_cloud]}, its landmark file {path.name} says units {declared!r}"
+        remedy = (
+            f'Export the cloud in {NAMES[unit]}; or take "units" out of {path.name}, and each file\'s unit is found'
+        )
+        raise InputError(raw.path, cause, remedy)
     if of_cloud != unit:
         found = "how the landmarks lie on the cloud"
     return _scaled(raw, MILLIMETRES[of_cloud]), marks, Units(of_cloud, unit, found)

@@ -178,6 +178,10 @@ def test_units_are_found_and_said(tmp_path, factor, unit):
     assert expected.notes == ()
     path = write_breast(tmp_path / "cloud")
     write_ply(path, cup_frame_points() / factor)
+    with pytest.raises(InputError, match=r"the cloud is in .*, its landmark file .* says units 'mm'. Export the cloud"):
+        load_scan(path, points=300)
+    silent = {key: value for key, value in cup_frame_landmarks().items() if key != "units"}
+    write_landmarks(landmarks_path(path), silent)
     alone = load_scan(path, points=300)
     assert (alone.units.cloud, alone.units.marks) == (unit, "mm")
     both = write_posed(tmp_path, "both", lambda p: p / factor)
