@@ -1,0 +1,469 @@
+"""Measures what becomes of scans before and in the fit: the README's scan figures come from one run of this script.
+
+    python scripts/check_scans.py FOLDER                     all parts
+    python scripts/check_scans.py FOLDER --only given,wire   some parts
+
+FOLDER holds `breasts/` (clean breasts with landmark files), `scans/` (simulated scans of whole torsos, whose landmark
+file names the breast they were made of in scan.simulated_from) and `torsos/` (meshes named as the breasts). The parts:
+
+    given       scans with their landmarks and wire, against the fit of the clean breast
+    missing     the same from clean points, so that nothing but the missing data differs
+    wire        the wire detected, against the given one
+    proposed    torsos without landmarks, against the given ones
+    sides       left and right of symmetric bodies, and exact mirror images
+    invariance  rigid motion, unit, order of the points, duplication
+    noise       outliers and noise
+    coverage    weights by the surface that a point stands for
+    lines       necklines that are built, wires of a size
+    damaged     a thousand damaged files
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from hydra import compose, initialize_config_module
+from hydra.utils import instantiate
+from scipy.spatial import KDTree
+
+from brafit.config import register
+from brafit.cup import StripsCup
+from brafit.cup.shape import CupShape
+from brafit.fit import CupFit, Target, fit_targets
+from brafit.fit.measure import point_distances
+from brafit.scan import (
+    Landmarks,
+    Scan,
+    landmarks_path,
+    landmarks_text,
+    load_scan,
+    point_weights,
+    proposed_landmarks,
+    read_cloud,
+    read_landmarks,
+    uncovered_share,
+)
+from brafit.scan.checks import polyline_length
+from brafit.scan.frame import evenly_spaced
+from brafit.scan.synthetic import on_panels
+
+PANELS = (2, 3)
+RESTARTS = 3
+COVERED = 5.0
+"""A place of the cup has data if a point is nearer than this, mm."""
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def target_of(scan: Scan, *, weighted: bool = True) -> Target:
+    """What the command `brafit` fits to a scan."""
+    weights = point_weights(scan.points) if weighted else None
+    return Target(scan.name, scan.points, scan.wire, scan.neckline, scan.strap_point, scan.apex, weights)
+
+
+def fitted(targets: Sequence[Target], panels: int) -> list[CupFit]:
+    """Fits with the settings as they are shipped."""
+    register()
+    with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
+        config = compose("config", overrides=[f"cup.panels={panels}"])
+    cup = partial(StripsCup, **{key: value for key, value in config.cup.items() if not key.startswith("_")})
+    return fit_targets(targets, cup, instantiate(config.solver), instantiate(config.condition), restarts=RESTARTS)
+
+
+def samples(shape: CupShape, count: int = 6000) -> np.ndarray:
+    """Points uniform by area on a cup."""
+    return on_panels(shape, count, np.random.default_rng(0)).numpy()
+
+
+def apart(one: CupFit, other: CupFit, data: np.ndarray | None = None) -> tuple[float, float]:
+    """RMS and largest distance (mm) of two fitted surfaces, the larger of both ways; where there are data, if given."""
+    ways = []
+    for a, b in ((one, other), (other, one)):
+        places = samples(a.shape)
+        if data is not None:
+            places = places[KDTree(data).query(places)[0] < COVERED]
+        distance = point_distances(torch.from_numpy(places), b.shape).numpy()
+        ways.append((rms(distance), float(np.abs(distance).max())))
+    return max(way[0] for way in ways), max(way[1] for way in ways)
+
+
+def patterns_apart(one: CupFit, other: CupFit) -> float:
+    """Largest distance (mm) of the outlines of the flat panels, each laid on the other as a rigid motion fits best.
+
+    Edges are compared as curves: two cups with the same outlines can number their rulings differently.
+    """
+    worst = 0.0
+    for a, b in zip(one.panels, other.panels, strict=True):
+        p, q = ([evenly_spaced(_in_space(edge), 1000) for edge in (panel.lower, panel.upper)] for panel in (a, b))
+        middle, aim = np.concatenate(p).mean(axis=0), np.concatenate(q).mean(axis=0)
+        turn = _turn(np.concatenate(p) - middle, np.concatenate(q) - aim)
+        for mine, its in zip(p, q, strict=True):
+            mine = (mine - middle) @ turn + aim
+            away = (_to_polyline(mine, its), _to_polyline(its, mine))
+            worst = max(worst, *(float(distance.max()) for distance in away))
+    return worst
+
+
+def _in_space(edge: torch.Tensor) -> np.ndarray:
+    return np.pad(edge.numpy(), ((0, 0), (0, 1)))
+
+
+def _turn(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The rotation that brings centred p (n, 3) nearest to q, in the plane if both are flat."""
+    u, _, v = np.linalg.svd(p.T @ q)
+    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+
+
+def _to_polyline(points: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """Distances from a line's segments."""
+    near = KDTree(line).query(points)[1]
+    best = np.full(len(points), np.inf)
+    for shift in (-1, 0):
+        a = line[np.clip(near + shift, 0, len(line) - 2)]
+        step = line[np.clip(near + shift, 0, len(line) - 2) + 1] - a
+        share = np.clip(((points - a) * step).sum(axis=1) / (step**2).sum(axis=1), 0, 1)
+        best = np.minimum(best, np.linalg.norm(a + share[:, None] * step - points, axis=1))
+    return best
+
+
+def line_apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Distances (mm) of a line's points, evenly spaced, from another line."""
+    return KDTree(evenly_spaced(other, 2000)).query(evenly_spaced(one, 200))[0]
+
+
+def simulated(folder: Path) -> list[tuple[Path, Path]]:
+    """The scans and the clean breasts that they were made of."""
+    pairs = []
+    for path in sorted((folder / "scans").glob("*.ply")):
+        made_of = json.loads(landmarks_path(path).read_text(encoding="utf-8"))["scan"]["simulated_from"]
+        known = {"vhf": "vhf_skin", "lirbsm": "lirbsm_mean"}
+        pairs.append((path, folder / "breasts" / f"{known.get(made_of, made_of)}.ply"))
+    return pairs
+
+
+def report_given(folder: Path, _: Path) -> None:
+    pairs = simulated(folder)
+    scans = [load_scan(path) for path, _ in pairs]
+    clean = [load_scan(path) for _, path in pairs]
+    whole = [load_scan(path, points=None, outliers=None) for _, path in pairs]
+    for panels in PANELS:
+        fits = fitted([target_of(scan) for scan in (*scans, *clean)], panels)
+        print(
+            f"\nscans as given, {panels} panels: mm RMS (largest) from the clean breast's fit where data are, anywhere;"
+        )
+        print("  RMS of the clean cloud: of the scan's fit, of the clean fit; share of the cup without data; outliers")
+        for scan, dense, own, best in zip(scans, whole, fits[: len(scans)], fits[len(scans) :], strict=True):
+            near, far = apart(own, best, scan.dense), apart(own, best)
+            to_cloud = [rms(point_distances(torch.from_numpy(dense.points), f.shape).numpy()) for f in (own, best)]
+            steps = scan.cleaning
+            print(
+                f"  {scan.name:10} {near[0]:.2f} ({near[1]:.1f})  {far[0]:.2f} ({far[1]:.1f})   {to_cloud[0]:.2f}"
+                f" {to_cloud[1]:.2f}   {100 * uncovered_share(own.shape, scan.dense):.1f} %"
+                f"   {steps.outliers + steps.off_surface + steps.islands} of {steps.read - steps.elsewhere}"
+            )
+
+
+def report_missing(folder: Path, _: Path) -> None:
+    print("\nclean points where the scan has some too: mm RMS from the clean fit where data are, 2 and 3 panels")
+    pairs = simulated(folder)
+    clean = [load_scan(path) for _, path in pairs]
+    cut = []
+    for (path, breast), scan in zip(pairs, clean, strict=True):
+        whole, own = load_scan(breast, points=None, outliers=None), load_scan(path)
+        near = KDTree(own.dense).query(whole.points)[0] < 3.0
+        kept = whole.points[near]
+        chosen = np.random.default_rng(0).permutation(len(kept))[:2000]
+        cut.append((replace(scan, points=kept[chosen], dense=own.dense), 1 - float(near.mean())))
+    for panels in PANELS:
+        fits = fitted([target_of(scan) for scan in (*clean, *(scan for scan, _ in cut))], panels)
+        for (scan, share), best, own in zip(cut, fits[: len(cut)], fits[len(cut) :], strict=True):
+            near = apart(own, best, scan.dense)
+            print(f"  {panels} panels {scan.name:10} {near[0]:.2f} ({near[1]:.1f}); {100 * share:.1f} % missing")
+
+
+def report_wire(folder: Path, _: Path) -> None:
+    print("\nwire detected from the other landmarks: mm RMS (largest) off the given one; share guessed; without ends:")
+    paths = [path for path, _ in simulated(folder)]
+    for path in [*paths, *sorted((folder / "torsos").glob("*.ply"))]:
+        marks = read_landmarks(_marks_of(folder, path))
+        found = []
+        for names in ({*marks.points}, {"apex"}):
+            some = replace(
+                marks, wire=None, upper_line=None, points={k: v for k, v in marks.points.items() if k in names}
+            )
+            found.append(_wire_of(path, some))
+        parts = []
+        for wire, guessed in found:
+            away = line_apart(wire, _there(marks.wire))
+            parts.append(f"{rms(away):.2f} ({away.max():.1f}), {100 * (guessed or 0):.0f} %")
+        print(f"  {path.stem:12} {parts[0]};  with the apex only {parts[1]}")
+
+
+def _there(line: np.ndarray | None) -> np.ndarray:
+    assert line is not None
+    return line
+
+
+def _wire_of(path: Path, marks: Landmarks) -> tuple[np.ndarray, float | None]:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "marks.json")
+        strap = {} if "strap_point" in marks.points else {"strap_point": marks.points["apex"] + [0, 90.0, -60]}
+        file.write_text(landmarks_text([replace(marks, points={**marks.points, **strap})]), encoding="utf-8")
+        scan = load_scan(path, wire="detect", landmarks=file)
+    return scan.frame.to_scan(scan.wire), scan.origin.wire_guessed
+
+
+def _marks_of(folder: Path, path: Path) -> Path:
+    beside = landmarks_path(path)
+    return beside if beside.is_file() else folder / "breasts" / f"{path.stem}.json"
+
+
+def report_proposed(folder: Path, _: Path) -> None:
+    print("\nlandmarks proposed, mm off the given: apex, inner end, outer end, strap point; wire RMS (largest)")
+    for path in [*sorted((folder / "torsos").glob("*.ply")), *(path for path, _ in simulated(folder))]:
+        given = read_landmarks(_marks_of(folder, path))
+        found = next(m for m in proposed_landmarks(path, read_cloud(path).points) if m.side == given.side)
+        away = [
+            float(np.linalg.norm(found.points[name] - given.points[name]))
+            for name in ("apex", "inner_end", "outer_end", "strap_point")
+        ]
+        wire = line_apart(_there(found.wire), _there(given.wire))
+        print(f"  {path.stem:12} " + " ".join(f"{a:5.1f}" for a in away) + f"   {rms(wire):.1f} ({wire.max():.1f})")
+
+
+def report_sides(folder: Path, _: Path) -> None:
+    print(
+        "\nleft and right of symmetric bodies: mm between patterns (vertices), between surfaces RMS; exact mirror image"
+    )
+    names = sorted((folder / "torsos").glob("anny*.ply"))
+    names += [path for path, breast in simulated(folder) if breast.stem.startswith("anny")]
+    for path in names:
+        marks = _marks_of(folder, path)
+        left, right = (load_scan(path, side=side, landmarks=marks) for side in ("left", "right"))
+        exact = _mirrored(path, marks)
+        for panels in PANELS:
+            one, other, image = fitted([target_of(scan) for scan in (left, right, exact)], panels)
+            print(
+                f"  {path.stem:10} {panels} panels {patterns_apart(one, other):.3f}  {apart(one, other)[0]:.3f}"
+                f"   {patterns_apart(one, image):.1e}"
+            )
+
+
+def _mirrored(path: Path, marks: Path) -> Scan:
+    """The exact mirror image of a scan and its landmarks, loaded as a right breast."""
+    cloud, given = read_cloud(path), read_landmarks(marks)
+    flip = np.array([-1.0, 1.0, 1.0])
+    return _loaded(cloud.points * flip, given.mapped(lambda p: p * flip, side="right"))
+
+
+def _loaded(points: np.ndarray, marks: Landmarks, **settings: Any) -> Scan:
+    """A cloud and its marks, written to files and loaded."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "cloud.npy")
+        np.save(path, points)
+        landmarks_path(path).write_text(_exact_text(marks), encoding="utf-8")
+        return load_scan(path, **settings)
+
+
+def _exact_text(marks: Landmarks) -> str:
+    """A landmark file without rounding."""
+    data = {
+        "side": marks.side,
+        "wire": None if marks.wire is None else marks.wire.tolist(),
+        "upper_line": None if marks.upper_line is None else marks.upper_line.tolist(),
+        "landmarks": {name: point.tolist() for name, point in marks.points.items()},
+    }
+    return json.dumps({key: value for key, value in data.items() if value is not None})
+
+
+def report_invariance(folder: Path, _: Path) -> None:
+    print("\nchanges that must not matter: mm between patterns, 2 and 3 panels")
+    random = np.random.default_rng(5)
+    q = np.linalg.qr(random.standard_normal((3, 3)))[0]
+    q *= np.sign(np.linalg.det(q))
+    shift = np.array([210.0, -90.0, 400.0])
+    for path in [simulated(folder)[0][0], simulated(folder)[-1][0]]:
+        cloud, marks = read_cloud(path).points, read_landmarks(landmarks_path(path))
+        order = random.permutation(len(cloud))
+        whole = np.concatenate([cloud, cloud])
+        cases: dict[str, tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]] = {
+            "as it is": (cloud, lambda p: p),
+            "moved and turned": (cloud @ q.T + shift, lambda p: p @ q.T + shift),
+            "in metres": (cloud / 1000, lambda p: p / 1000),
+            "in inches": (cloud / 25.4, lambda p: p / 25.4),
+            "shuffled": (cloud[order], lambda p: p),
+            "all points twice": (whole[random.permutation(len(whole))], lambda p: p),
+        }
+        scans = [_loaded(points, marks.mapped(function)) for points, function in cases.values()]
+        fits = {panels: fitted([target_of(scan) for scan in scans], panels) for panels in PANELS}
+        for k, name in enumerate(cases):
+            away = ", ".join(f"{patterns_apart(fits[panels][0], fits[panels][k]):.1e}" for panels in PANELS)
+            print(f"  {path.stem:10} {name:18} {away}")
+
+
+def report_noise(folder: Path, _: Path) -> None:
+    print("\noutliers and noise: mm RMS (largest) from the undisturbed fit where data are; patterns; own RMS; notes")
+    for path in (simulated(folder)[0][0], simulated(folder)[0][1], simulated(folder)[-1][1]):
+        cloud, marks = read_cloud(path), read_landmarks(landmarks_path(path))
+        points = cloud.points if cloud.inside is None else cloud.points[cloud.inside]
+        cases = {
+            "as it is": (0.0, 0.0),
+            "30 % outliers": (0.3, 0.0),
+            "noise 2 mm": (0.0, 2.0),
+            "both": (0.3, 2.0),
+        }
+        scans = [_loaded(disturbed(points, share, noise), marks) for share, noise in cases.values()]
+        for panels in PANELS:
+            fits = fitted([target_of(scan) for scan in scans], panels)
+            for name, scan, fit in zip(cases, scans, fits, strict=True):
+                near = apart(fit, fits[0], scans[0].dense)
+                print(
+                    f"  {path.stem:10} {panels} panels {name:14} {near[0]:.2f} ({near[1]:.1f})  patterns"
+                    f" {patterns_apart(fit, fits[0]):.2f}; RMS {fit.figures['rms_mm']:.2f}; {fit.code.name.lower()};"
+                    f" {strays_left(scan, scans[0])} strays of {len(scan.dense)} left; {' / '.join(scan.notes)}"
+                )
+
+
+def disturbed(points: np.ndarray, share: float, noise: float, seed: int = 1) -> np.ndarray:
+    """Points with noise (standard deviation, mm), and so large a share of stray ones in a box half as large again."""
+    random = np.random.default_rng(seed)
+    low, high = points.min(axis=0), points.max(axis=0)
+    wide = (high - low) / 4
+    count = round(share / (1 - share) * len(points))
+    stray = random.uniform(low - wide, high + wide, (count, 3))
+    return random.permutation(np.concatenate([points + noise * random.standard_normal(points.shape), stray]))
+
+
+def strays_left(scan: Scan, clean: Scan) -> int:
+    """Points of a cleaned breast that are farther than 8 mm from all points of the undisturbed one."""
+    return int((KDTree(clean.dense).query(scan.dense)[0] > 8.0).sum())
+
+
+def report_coverage(folder: Path, _: Path) -> None:
+    print("\nweights by surface: mm RMS between the fits with and without them; RMS of the whole clean cloud by each")
+    breasts = sorted((folder / "breasts").glob("*.ply"))
+    scans = [load_scan(path) for path in breasts]
+    for panels in PANELS:
+        fits = fitted([target_of(s, weighted=w) for w in (True, False) for s in scans], panels)
+        pairs = list(zip(fits[: len(scans)], fits[len(scans) :], strict=True))
+        away = [apart(*pair)[0] for pair in pairs]
+        change = [a.figures["rms_mm"] - b.figures["rms_mm"] for a, b in pairs]
+        print(
+            f"  {panels} panels, {len(scans)} clean breasts: surfaces {np.median(away):.3f} (largest {max(away):.3f});"
+            f" RMS changes by {min(change):+.3f} to {max(change):+.3f}"
+        )
+    holed = [(name, _holed(path, cut)) for name, cut in HOLES.items() for path in breasts[:6]]
+    for panels in PANELS:
+        best = fitted([target_of(scan) for scan in scans[:6]], panels)
+        for weighted in (True, False):
+            fits = fitted([target_of(scan, weighted=weighted) for _, scan in holed], panels)
+            for name in HOLES:
+                rows = [k for k, (hole, _) in enumerate(holed) if hole == name]
+                away = [apart(fits[k], best[k % 6]) for k in rows]
+                print(
+                    f"  {panels} panels, {name}, {'with' if weighted else 'without'} weights: mm RMS off the fit to all"
+                    f" data {np.median([a[0] for a in away]):.2f} (largest {max(a[0] for a in away):.2f};"
+                    f" one point {max(a[1] for a in away):.1f})"
+                )
+
+
+HOLES: dict[str, Callable[[np.ndarray, Scan], np.ndarray]] = {
+    "hole of 20 mm radius at the apex's inner side": lambda points, scan: (
+        np.linalg.norm(points - (scan.wire[0] + 2 * _there(scan.apex)) / 3, axis=1) < 28
+    ),
+    "shadow: the lower 15 mm above the wire": lambda points, scan: (
+        KDTree(evenly_spaced(scan.wire[10:-10], 400)).query(points)[0] < 15
+    ),
+}
+
+
+def _holed(path: Path, cut: Callable[[np.ndarray, Scan], np.ndarray]) -> Scan:
+    whole = load_scan(path, points=None, outliers=None)
+    kept = whole.points[~cut(whole.points, whole)]
+    chosen = np.random.default_rng(0).permutation(len(kept))[:2000]
+    return replace(whole, points=kept[chosen], dense=kept)
+
+
+def report_lines(folder: Path, _: Path) -> None:
+    print("\nnecklines built from ends and strap point: mm RMS (largest) off the given; wires by size")
+    for path in [*(path for path, _ in simulated(folder)), *sorted((folder / "torsos").glob("*.ply"))]:
+        given = read_landmarks(_marks_of(folder, path))
+        cloud = read_cloud(path).points
+        built = _loaded(cloud, replace(given, upper_line=None))
+        neckline = line_apart(built.frame.to_scan(_there(built.neckline)), _there(given.upper_line))
+        wire = _there(given.wire)
+        size = f"{_radius(wire):.0f}x{polyline_length(wire):.0f}"
+        laid = _loaded(cloud, replace(given, upper_line=None), wire=size)
+        away = line_apart(laid.frame.to_scan(laid.wire), wire)
+        flat = line_apart(_flat_arc(wire), wire)
+        print(
+            f"  {path.stem:12} {rms(neckline):.2f} ({neckline.max():.1f});  size {size}: {rms(away):.1f}"
+            f" ({away.max():.1f}), the best that an arc can do about {rms(flat):.1f}"
+        )
+
+
+def _radius(wire: np.ndarray) -> float:
+    """Radius of the arc with the wire's length and span."""
+    span, length = float(np.linalg.norm(wire[-1] - wire[0])), polyline_length(wire)
+    half = np.linspace(0.05, 2.6, 20000)
+    return float(length / 2 / half[np.abs(np.sin(half) / half - span / length).argmin()])
+
+
+def _flat_arc(wire: np.ndarray) -> np.ndarray:
+    """The arc of the wire's length and span, laid on it with as small distances as a rigid motion allows."""
+    radius, length = _radius(wire), polyline_length(wire)
+    angle = np.linspace(-length / radius / 2, length / radius / 2, 200)
+    arc = np.stack([radius * np.sin(angle), radius * np.cos(angle), 0 * angle], axis=1)
+    even = evenly_spaced(wire, 200)
+    p, q = arc - arc.mean(axis=0), even - even.mean(axis=0)
+    return p @ _turn(p, q) + even.mean(axis=0)
+
+
+def report_damaged(_: Path, root: Path) -> None:
+    print("\ndamaged files (tests/scan/test_damaged.py):", flush=True)
+    command = [sys.executable, "-m", "pytest", "tests/scan/test_damaged.py", "-q", "-m", "slow or not slow", "-rA"]
+    subprocess.run([*command, "-k", "damaged_files", "-s"], cwd=root, check=False)
+
+
+PARTS: dict[str, Callable[[Path, Path], None]] = {
+    "given": report_given,
+    "missing": report_missing,
+    "wire": report_wire,
+    "proposed": report_proposed,
+    "sides": report_sides,
+    "invariance": report_invariance,
+    "noise": report_noise,
+    "coverage": report_coverage,
+    "lines": report_lines,
+    "damaged": report_damaged,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("folder", type=Path, help="folder with breasts/, scans/ and torsos/")
+    parser.add_argument("--only", default=",".join(PARTS), help="parts, with commas")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    wanted = options.only.split(",")
+    if unknown := [name for name in wanted if name not in PARTS]:
+        parser.error(f"--only: {', '.join(unknown)} is none of {', '.join(PARTS)}")
+    for name in wanted:
+        PARTS[name](options.folder, Path(__file__).resolve().parents[1])
+
+
+if __name__ == "__main__":
+    main()
