@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -108,7 +108,7 @@ class Curve:
         d = 3 * np.diff(self.controls[k], axis=1)
         first = (1 - t) ** 2 * d[:, 0] + 2 * t * (1 - t) * d[:, 1] + t**2 * d[:, 2]
         second = 2 * ((1 - t) * (d[:, 1] - d[:, 0]) + t * (d[:, 2] - d[:, 1]))
-        return _cross(first, second) / np.maximum(np.linalg.norm(first, axis=1), 1e-9) ** 3
+        return cross(first, second) / np.maximum(np.linalg.norm(first, axis=1), 1e-9) ** 3
 
     def at(self, distance: float) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
         """Position and unit tangent at an arc length from the start."""
@@ -144,6 +144,13 @@ class Curve:
             return position + distance * right_of(tangent), tangent
 
         return fit_curve(trace, 0.0, float(len(self.controls)), tolerance)
+
+
+def closed(curves: Sequence[Curve], tolerance: float) -> Float[ndarray, "n 2"]:
+    """Curves in a ring as one polygon without repeated points."""
+    points = np.concatenate([curve.polyline(tolerance) for curve in curves])
+    away = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1) > 1e-7
+    return points[away]
 
 
 def right_of(tangent: Float[ndarray, "*n 2"]) -> Float[ndarray, "*n 2"]:
@@ -249,5 +256,5 @@ def _unit(vectors: Float[ndarray, "n 2"]) -> Float[ndarray, "n 2"]:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
-def _cross(a: Float[ndarray, "n 2"], b: Float[ndarray, "n 2"]) -> Float[ndarray, " n"]:
+def cross(a: Float[ndarray, "n 2"], b: Float[ndarray, "n 2"]) -> Float[ndarray, " n"]:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

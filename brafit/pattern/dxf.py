@@ -16,7 +16,8 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from brafit.atomic import write_bytes
-from brafit.pattern.finish import LINE, CutPiece, Pattern
+from brafit.pattern.finish import CutPiece, Pattern
+from brafit.pattern.label import LINE
 from brafit.pattern.options import UNITS
 from brafit.pattern.piece import layout_columns
 
@@ -108,14 +109,23 @@ def _piece(block: BlockLayout, piece: CutPiece, pattern: Pattern, name: str, sca
     start, end = piece.grain * scale
     block.add_line(tuple(start), tuple(end), dxfattribs={"layer": LAYERS["grain"]})
     about = [f"Piece Name: {name}", f"Size: {pattern.size}", f"Quantity: {pattern.options.quantity}"]
-    about += [f"Annotation: {words}" for words in (*piece.label[1:], *piece.notice) if not words.startswith("size")]
-    size, along = piece.label_size, piece.label_along
-    down, angle = np.array((along[1], -along[0])), float(np.degrees(np.arctan2(along[1], along[0])))
+    about += [
+        f"Annotation: {words}"
+        for words in (*piece.label.lines[1:], *piece.label.notice)
+        if not words.startswith("size")
+    ]
+    size, along, angle = piece.label.size, piece.label.along, piece.label.angle
+    down = np.array((along[1], -along[0]))
     for row, words in enumerate(about):
         layer = LAYERS["annotation" if words.startswith("Annotation") else "cut"]
-        at = piece.label_at - 0.28 * size * len(words) * along + LINE * size * (row + 1 - len(about) / 2) * down
+        at = piece.label.at - 0.28 * size * len(words) * along + LINE * size * (row + 1 - len(about) / 2) * down
         text = {"layer": layer, "insert": tuple(scale * at), "rotation": angle}
         block.add_text(_plain(words), height=0.7 * size * scale, dxfattribs=text)
+    for caption in piece.captions:
+        size = caption.size
+        at = caption.at - 0.28 * size * len(caption.words) * caption.along
+        text = {"layer": LAYERS["annotation"], "insert": tuple(scale * at), "rotation": caption.angle}
+        block.add_text(_plain(caption.words), height=0.7 * size * scale, dxfattribs=text)
 
 
 def _control_square(block: BlockLayout, scale: float, bottom: float) -> None:

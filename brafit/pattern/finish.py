@@ -10,13 +10,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from shapely import LineString, Point, Polygon, box, make_valid, unary_union
-from shapely.affinity import rotate
-from shapely.geometry.base import BaseGeometry
-from shapely.ops import polylabel
-from shapely.prepared import prep
+from shapely import LineString, Point, Polygon
 
-from brafit.pattern.curve import Curve, right_of
+from brafit.pattern.allowance import crossing, cut_outline, signed_area, valid_polygon
+from brafit.pattern.curve import Curve, closed, right_of
+from brafit.pattern.label import Caption, Label, Sight, place_captions, place_label
 from brafit.pattern.options import PatternOptions
 from brafit.pattern.piece import Hole, Kind, Piece, Side
 
@@ -62,10 +60,11 @@ class Notch:
     ticks: Float[ndarray, "cuts 2 2"]
     foot: Float[ndarray, "2"]
 
-    def beside(self, distance: float) -> Float[ndarray, "2"]:
-        """A point that far inside the sewing line, for its name."""
+    @property
+    def inward(self) -> Float[ndarray, "2"]:
+        """Unit vector across the edge into the piece."""
         inward = self.ticks[0, 1] - self.ticks[0, 0]
-        return self.foot + distance * inward / max(float(np.linalg.norm(inward)), 1e-9)
+        return inward / max(float(np.linalg.norm(inward)), 1e-9)
 
 
 @dataclass(frozen=True)
@@ -79,10 +78,8 @@ class CutPiece:
         cut: the outline to cut along, smooth curves that meet in corners.
         notches, holes: as above.
         grain: the two ends of the grain line.
-        label: lines of text; the first is the piece's name.
-        notice: further lines below them: the warnings, wrapped.
-        label_at, label_along, label_size: middle of the text, direction of its lines (to the right) and height of its
-            letters.
+        label: what the piece says about itself, with its warnings below.
+        captions: names of the ends and of the notches that stand for landmarks.
         warnings: what failed a check.
     """
 
@@ -93,18 +90,16 @@ class CutPiece:
     notches: tuple[Notch, ...]
     holes: tuple[Hole, ...]
     grain: Float[ndarray, "2 2"]
-    label: tuple[str, ...]
-    notice: tuple[str, ...]
-    label_at: Float[ndarray, "2"]
-    label_along: Float[ndarray, "2"]
-    label_size: float
+    label: Label
+    captions: tuple[Caption, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
     def bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
-        """Lower left and upper right corner of the cut line."""
-        outline = self.cut_outline()
-        return outline.min(0), outline.max(0)
+        """Lower left and upper right corner of all that is drawn."""
+        drawn = [self.cut_outline(), self.label.corners, *(caption.corners for caption in self.captions)]
+        points = np.concatenate(drawn)
+        return points.min(0), points.max(0)
 
     def cut_outline(self, tolerance: float = 0.02) -> Float[ndarray, "n 2"]:
         """The closed cut line as a polygon; the first point is not repeated."""
@@ -117,12 +112,10 @@ class CutPiece:
     @property
     def area(self) -> float:
         """Area within the sewing lines in mm^2."""
-        return float(_valid(self.sew_outline(_FINE)).area)
+        return float(valid_polygon(self.sew_outline(_FINE)).area)
 
     def map(self, move: Move) -> CutPiece:
         """The piece under an isometry; the label stays readable."""
-        at = move(self.label_at[None])[0]
-        along = move((self.label_at + self.label_along)[None])[0] - at
         return replace(
             self,
             sew=tuple(replace(line, curve=line.curve.map(move)) for line in self.sew),
@@ -133,15 +126,16 @@ class CutPiece:
             ),
             holes=tuple(replace(hole, point=move(hole.point[None])[0]) for hole in self.holes),
             grain=move(self.grain),
-            label_at=at,
-            label_along=along if along[0] >= -1e-9 else -along,
+            label=self.label.map(move),
+            captions=tuple(caption.map(move) for caption in self.captions),
         )
 
     def mirrored(self) -> CutPiece:
         """The piece for the other side."""
         other: Side = "left" if self.side == "right" else "right"
-        label = tuple(f"{other} cup" if line == f"{self.side} cup" else line for line in self.label)
-        return replace(self.map(lambda points: points * (-1.0, 1.0)), side=other, label=label)
+        moved = self.map(lambda points: points * (-1.0, 1.0))
+        lines = tuple(line.replace(f"{self.side} cup", f"{other} cup") for line in moved.label.lines)
+        return replace(moved, side=other, label=replace(moved.label, lines=lines))
 
 
 @dataclass(frozen=True)
@@ -174,13 +168,6 @@ class Pattern:
         return (self.pieces, mirrored) if self.options.pair else (self.pieces,)
 
 
-def closed(curves: Sequence[Curve], tolerance: float) -> Float[ndarray, "n 2"]:
-    """Curves in a ring as one polygon without repeated points."""
-    points = np.concatenate([curve.polyline(tolerance) for curve in curves])
-    away = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1) > 1e-7
-    return points[away]
-
-
 def finish(
     pieces: Sequence[Piece],
     options: PatternOptions,
@@ -199,11 +186,14 @@ def finish(
         figures: the fit's measured figures; `twist_deg_max` is checked if it is there.
     """
     curves = [[Curve.through(edge.points) for edge in piece.edges] for piece in pieces]
+    stretch = 1 + np.array((options.ease["width"], options.ease["height"])) / 100
     seams: dict[str, tuple[float, ...]] = {}
+    eased: dict[str, tuple[float, ...]] = {}
     marks: dict[str, dict[str, list[float]]] = {}
     for piece, lines in zip(pieces, curves, strict=True):
         for edge, curve in zip(piece.edges, lines, strict=True):
             seams[edge.name] = (*seams.get(edge.name, ()), curve.length)
+            eased[edge.name] = (*eased.get(edge.name, ()), curve.map(lambda points: points * stretch).length)
             for mark in edge.marks:
                 marks.setdefault(edge.name, {}).setdefault(mark.name, []).append(mark.distance)
     whole = [
@@ -211,6 +201,13 @@ def finish(
         for edge, sides in seams.items()
         if max(sides) - min(sides) > options.seam_tolerance
     ]
+    if not whole:  # sides that match before ease need not afterwards: every piece is eased along its own chord
+        whole += [
+            f"seam '{edge}': with this ease its sides are {max(sides) - min(sides):.1f} mm different in length; "
+            "sew notch to notch, or ease width and height alike"
+            for edge, sides in eased.items()
+            if max(sides) - min(sides) > options.seam_tolerance
+        ]
     twist = (figures or {}).get("twist_deg_max", 0.0)
     if twist > options.twist_limit:
         whole.append(f"not truly developable: twist up to {twist:.1f} degrees, the cloth will strain there")
@@ -240,9 +237,8 @@ def _finish(
     eased = [curve.map(lambda points: points * stretch) for curve in curves]
     widths = [float(options.allowance[edge.kind]) for edge in piece.edges]
     sewn = closed(eased, _FINE)
-    outward = (
-        1.0 if _signed_area(sewn) > 0 else -1.0
-    )  # the cloth lies to the left of outlines that run counter-clockwise
+    # the cloth lies to the left of outlines that run counter-clockwise
+    outward = 1.0 if signed_area(sewn) > 0 else -1.0
     warnings = list(about)
     crossings = len(replace(piece, edges=_as_edges(piece, eased)).crossings())
     if crossings:
@@ -250,24 +246,29 @@ def _finish(
     gap = max(float(np.linalg.norm(a.end - b.start)) for a, b in zip(eased, eased[1:] + eased[:1], strict=True))
     if gap > options.seam_tolerance:
         warnings.append(f"the edges miss each other by {gap:.2f} mm at an end")
-    cut = None if crossings else _parallel_outline(eased, widths, outward)
-    if cut is None:
-        cut, message = _united_outline(eased, widths, outward)
-        warnings += [message] if message and not crossings else []
+    cut, messages = cut_outline(eased, widths, outward)
+    warnings += [] if crossings else messages
     if clipped := _too_wide(closed(cut, 0.02), options):
         warnings.append(clipped)
+    ring = LineString(np.vstack((outline := closed(cut, _FINE), outline[:1])))
     notches = [
-        _notch(edge.name, curve, after, width, outward, place, options, reverse=i > 0)
+        _notch(edge.name, curve, after, width, outward, ring, place, options, reverse=i > 0)
         for i, (edge, curve, after, width) in enumerate(zip(piece.edges, curves, eased, widths, strict=True))
         for place in places[edge.name]
     ]
-    inside = _valid(sewn)
+    inside = valid_polygon(sewn)
     holes = [replace(hole, point=hole.point * stretch) for hole in piece.holes]
     holes = [hole for hole in holes if inside.buffer(-2.0).contains(Point(*hole.point))]
     grain = _grain_line(inside, options.grain, holes)
-    label, notice = _label(piece, options, *names), _wrapped(warnings)
-    taken = [hole.point for hole in holes] + [notch.beside(3.5) for notch in notches if notch.name]
-    label, at, along, height = _label_place(inside, label, notice, grain, taken)
+    sight = Sight(inside, Polygon(outline), [LineString(t) for n in notches for t in n.ticks])
+    for hole in holes:
+        sight.take(Point(*hole.point).buffer(3.5))
+    sight.take(LineString(grain).buffer(1.6))
+    named = [(notch.name, notch.foot, notch.inward) for notch in notches if notch.name]
+    for _, foot, inward in named:  # room for their names, before the label takes what is left
+        sight.keep(Point(*(foot + 3.0 * inward)).buffer(3.0))
+    label = place_label(sight, _label(piece, options, *names), _wrapped(warnings))
+    captions = place_captions(sight, eased, named)
     sew = tuple(SewLine(e.name, e.kind, c, w) for e, c, w in zip(piece.edges, eased, widths, strict=True))
     return CutPiece(
         name=piece.name,
@@ -278,109 +279,13 @@ def _finish(
         holes=tuple(holes),
         grain=grain,
         label=label,
-        notice=notice,
-        label_at=at,
-        label_along=along,
-        label_size=height,
+        captions=captions,
         warnings=tuple(warnings),
     )
 
 
 def _as_edges(piece: Piece, curves: Sequence[Curve]) -> tuple:
     return tuple(replace(edge, points=c.polyline(0.02)) for edge, c in zip(piece.edges, curves, strict=True))
-
-
-# Allowance
-
-
-def _parallel_outline(curves: Sequence[Curve], widths: Sequence[float], outward: float) -> list[Curve] | None:
-    """Parallel curves joined at the corners; None where that is no simple outline around the piece."""
-    offsets = [curve.offset(outward * width) for curve, width in zip(curves, widths, strict=True)]
-    parallels = [offset for offset in offsets if offset is not None]
-    if len(parallels) < len(curves):
-        return None
-    outline: list[Curve] = []
-    for i, parallel in enumerate(parallels):
-        j = (i + 1) % len(curves)
-        corner = _corner(curves[i], curves[j], widths[i], widths[j], outward)
-        if corner is None:
-            return None
-        outline.append(parallel)
-        points = _distinct(np.vstack((parallel.end, corner, parallels[j].start)))
-        if len(points) > 1:
-            outline.append(Curve.line(*points))
-    around = Polygon(closed(outline, _FINE))
-    inner = Polygon(closed(curves, _FINE))
-    # the cut line may coincide with the sewing line, so containment is asked with a hair's breadth to spare
-    good = around.is_valid and inner.is_valid and around.buffer(1e-3).contains(inner)
-    return outline if good else None
-
-
-def _corner(before: Curve, after: Curve, a: float, b: float, outward: float) -> Float[ndarray, "n 2"] | None:
-    """The cut line's corner points between two parallels; None at a corner that points into the piece.
-
-    Both allowances run straight on past the tip to where they meet or, at a sharp tip, to a straight end at right
-    angles to its middle line, as far from the tip as the wider allowance.
-    """
-    go, come = before.trace(np.array([float(len(before.controls))]))[1][0], after.trace(np.array([0.0]))[1][0]
-    first, last = before.end + a * outward * right_of(go), after.start + b * outward * right_of(come)
-    turn = outward * (go[0] * come[1] - go[1] * come[0])
-    if max(a, b) == 0 or (abs(turn) < 1e-9 and go @ come > 0):
-        return np.stack((first, last))
-    if turn < 0:
-        return None
-    # first + along go = last - back come
-    along, back = np.linalg.solve(np.stack((go, come), axis=1), last - first) if turn > 1e-9 else (np.inf, np.inf)
-    if min(along, back) < 0:
-        return None
-    middle = (go - come) / np.linalg.norm(go - come)
-    tip, reach = (before.end + after.start) / 2, max(a, b)
-    if np.isfinite(along) and middle @ (first + along * go - tip) <= reach:
-        return np.stack((first, first + along * go, last))
-    ahead = max((reach - middle @ (first - tip)) / (middle @ go), 0.0)
-    behind = max((reach - middle @ (last - tip)) / -(middle @ come), 0.0)
-    return np.stack((first, first + ahead * go, last - behind * come, last))
-
-
-def _united_outline(curves: Sequence[Curve], widths: Sequence[float], outward: float) -> tuple[list[Curve], str]:
-    """The outline of everything that lies within the allowances, and what is wrong with it."""
-    parts: list[BaseGeometry] = [_valid(closed(curves, _FINE))]
-    overlap = 0.0
-    for i, (curve, width) in enumerate(zip(curves, widths, strict=True)):
-        if width == 0:
-            continue
-        u = np.linspace(0, len(curve.controls), 60 * len(curve.controls) + 1)
-        points, tangents = curve.trace(u)
-        outer = points + width * outward * right_of(tangents)
-        quads = [Polygon(q).convex_hull for q in np.stack((points[:-1], points[1:], outer[1:], outer[:-1]), axis=1)]
-        strip = unary_union(quads)
-        overlap += sum(q.area for q in quads) - strip.area + strip.intersection(parts[0]).area
-        parts.append(strip)
-        corner = _corner(curve, curves[(i + 1) % len(curves)], width, widths[(i + 1) % len(curves)], outward)
-        if corner is not None:
-            parts.append(_valid(np.vstack((curve.end[None], corner))))
-    whole = unary_union([part.buffer(1e-6) for part in parts])
-    pieces = sorted(getattr(whole, "geoms", [whole]), key=lambda part: part.area)
-    largest = pieces[-1]
-    message = "the allowance overlaps itself and was trimmed" if overlap > 1.0 or len(largest.interiors) else ""
-    if len(pieces) > 1 and pieces[-2].area > 1.0:
-        message = "the allowance falls into several parts; only the largest is drawn"
-    ring = np.asarray(largest.simplify(1e-3).exterior.coords)[:-1]
-    return _smooth_portions(ring[::-1] if outward * _signed_area(ring) < 0 else ring), message
-
-
-def _smooth_portions(ring: Float[ndarray, "n 2"]) -> list[Curve]:
-    """A polygon as curves between its corners."""
-    ring = ring[np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1) > 1e-4]
-    go = np.roll(ring, -1, axis=0) - ring
-    come = np.roll(go, 1, axis=0)
-    turn = np.abs(np.arctan2(come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0], (come * go).sum(1)))
-    corners = np.nonzero(turn > np.radians(12))[0]
-    if len(corners) == 0:
-        corners = np.array([0])
-    ends = np.append(corners[1:], corners[0] + len(ring))
-    portions = [ring[np.arange(a, b + 1) % len(ring)] for a, b in zip(corners, ends, strict=True)]
-    return [Curve.through(portion) for portion in portions]
 
 
 def _too_wide(outline: Float[ndarray, "n 2"], options: PatternOptions) -> str:
@@ -421,6 +326,7 @@ def _notch(
     eased: Curve,
     width: float,
     outward: float,
+    ring: LineString,
     place: tuple[str, float, bool],
     options: PatternOptions,
     reverse: bool,
@@ -431,12 +337,12 @@ def _notch(
     u = [curve.place(curve.length - distance - d if reverse else distance + d) for d in (0.0, *spread)]
     points, tangents = eased.trace(np.array(u))
     out = outward * right_of(tangents)
-    roots = points + width * out
+    roots = np.stack([crossing(ring, p, o, width) for p, o in zip(points, out, strict=True)])
     ticks = np.stack((roots, roots - depth * out), axis=1)[1:]
     return Notch(edge, name, distance, ticks, points[0])
 
 
-# Grain line and label
+# Grain line and what the label says
 
 
 def _grain_line(inside: Polygon, angle: float, holes: Sequence[Hole]) -> Float[ndarray, "2 2"]:
@@ -485,76 +391,3 @@ def _label(piece: Piece, options: PatternOptions, name: str, side: Side, size: s
 
 def _wrapped(warnings: Sequence[str]) -> tuple[str, ...]:
     return tuple(line for words in warnings for line in textwrap.wrap(f"WARNING: {words}", 30))
-
-
-LINE = 1.3
-"""Distance of the lines of a label, in heights of its letters."""
-LETTER = 0.55
-"""Width of a letter of a sans-serif face, in its height."""
-_LARGEST, _READABLE, _SMALLEST = 5.0, 2.5, 1.0
-
-
-def _label_place(
-    inside: Polygon,
-    label: tuple[str, ...],
-    notice: tuple[str, ...],
-    grain: Float[ndarray, "2 2"],
-    others: Sequence[Float[ndarray, "2"]],
-) -> tuple[tuple[str, ...], Float[ndarray, "2"], Float[ndarray, "2"], float]:
-    """The label and where it fits best: middle, direction and height of the letters.
-
-    On a narrow piece where upright lines would become too small to read, lines are joined and turned.
-    """
-    taken: list[BaseGeometry] = [Point(*point).buffer(4.0) for point in others]
-    taken.append(LineString(grain).buffer(2.0))
-    free = inside.buffer(-1.5).difference(unary_union(taken))
-    best = (*_roomiest(free, inside, (*label, *notice)), np.array((1.0, 0.0)), label)
-    if best[1] < _READABLE:
-        joined = tuple(", ".join(label[i : i + 3]) for i in range(0, len(label), 3))
-        for angle in (0, 90, 30, -30, 60, -60):
-            along = np.array((math.cos(math.radians(angle)), math.sin(math.radians(angle))))
-            turned = rotate(free, -angle, origin=(0, 0)), rotate(inside, -angle, origin=(0, 0))
-            at, size = _roomiest(*turned, (*joined, *notice))
-            if size > best[1]:
-                best = (at[0] * along + at[1] * np.array((-along[1], along[0])), size, along, joined)
-    at, size, along, lines = best
-    return lines, at, along, size
-
-
-def _roomiest(free: BaseGeometry, inside: Polygon, lines: Sequence[str]) -> tuple[Float[ndarray, "2"], float]:
-    """Middle and height of the letters of level lines of text, as large as fits."""
-    wide, high = LETTER * max(len(line) for line in lines), LINE * len(lines)
-    prepared = prep(free)
-    parts = [part for part in getattr(free, "geoms", [free]) if part.area > 0] or [inside]
-    low, high_corner = np.array(inside.bounds[:2]), np.array(inside.bounds[2:])
-    grid = [low + (high_corner - low) * (x, y) for x in np.linspace(0.1, 0.9, 17) for y in np.linspace(0.15, 0.85, 11)]
-    centres = [np.array(polylabel(part, 1.0).coords[0]) for part in parts] + grid
-    best, size = centres[0], _SMALLEST
-    for centre in centres:
-        while True:
-            larger = size * 1.05
-            half = np.array((wide, high)) * larger / 2
-            if larger > _LARGEST or not prepared.contains(box(*centre - half, *centre + half)):
-                break
-            best, size = centre, larger
-    return best, size
-
-
-# Polygons
-
-
-def _signed_area(points: Float[ndarray, "n 2"]) -> float:
-    x, y = points.T
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
-
-
-def _valid(points: Float[ndarray, "n 2"]) -> Polygon:
-    """The largest proper polygon in an outline that may cross itself."""
-    shape = make_valid(Polygon(points))
-    parts = [part for part in getattr(shape, "geoms", [shape]) if isinstance(part, Polygon)]
-    parts += [p for part in getattr(shape, "geoms", []) for p in getattr(part, "geoms", []) if isinstance(p, Polygon)]
-    return max(parts, key=lambda part: part.area, default=Polygon())
-
-
-def _distinct(points: Float[ndarray, "n 2"]) -> Float[ndarray, "m 2"]:
-    return points[np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6)]

@@ -18,7 +18,7 @@ from shapely import Polygon, box
 from brafit import __version__
 from brafit.atomic import replacing
 from brafit.pattern.curve import Curve
-from brafit.pattern.finish import LINE, CutPiece, Pattern
+from brafit.pattern.finish import CutPiece, Pattern
 from brafit.pattern.options import PAPERS, PatternOptions
 from brafit.pattern.piece import Kind, Sheet, layout_columns
 from brafit.pattern.svg import LEGEND, STROKES, arrow_head
@@ -267,9 +267,6 @@ def _pieces(canvas: Canvas, pieces: Sequence[CutPiece]) -> None:
         for notch in piece.notches:
             for a, b in notch.ticks:
                 canvas.line(*a, *b)
-            if notch.name:
-                x, y = notch.beside(4.0)
-                _text(canvas, notch.name, x, y - 0.7, 2.2, centred=True)
         for hole in piece.holes:
             x, y = hole.point
             canvas.circle(x, y, 1.5)
@@ -290,14 +287,31 @@ def _grain(canvas: Canvas, piece: CutPiece) -> None:
 
 
 def _label(canvas: Canvas, piece: CutPiece) -> None:
-    size, lines = piece.label_size, (*piece.label, *piece.notice)
+    label = piece.label
+    for row, words in enumerate(label.all_lines):
+        warning = row >= len(label.lines)
+        _turned(canvas, words, label.middle(row), label.angle, label.size, bold=label.is_bold(row), red=warning)
+    canvas.setLineWidth(0.15)
+    for caption in piece.captions:
+        if caption.leader is not None:
+            canvas.line(*caption.leader[0], *caption.leader[1])
+        _turned(canvas, caption.words, caption.at, caption.angle, caption.size)
+
+
+def _turned(
+    canvas: Canvas,
+    words: str,
+    at: Float[ndarray, "2"],
+    angle: float,
+    size: float,
+    bold: bool = False,
+    red: bool = False,
+) -> None:
+    """A line of text about a point."""
     canvas.saveState()
-    canvas.translate(*piece.label_at)
-    canvas.rotate(float(np.degrees(np.arctan2(*piece.label_along[::-1]))))
-    for row, words in enumerate(lines):
-        level = LINE * size * ((len(lines) - 1) / 2 - row) - 0.35 * size
-        warning = row >= len(piece.label)
-        _text(canvas, words, 0, level, size, bold=row == 0 or warning, centred=True, red=warning)
+    canvas.translate(*at)
+    canvas.rotate(angle)
+    _text(canvas, words, 0, -0.35 * size, size, bold=bold, centred=True, red=red)
     canvas.restoreState()
 
 

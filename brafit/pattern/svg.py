@@ -17,7 +17,8 @@ from numpy import ndarray
 
 from brafit.atomic import write_bytes
 from brafit.pattern.curve import Curve
-from brafit.pattern.finish import LINE, CutPiece, Pattern
+from brafit.pattern.finish import CutPiece, Pattern
+from brafit.pattern.label import text_width
 from brafit.pattern.piece import Kind, layout_columns
 
 SVG, INKSCAPE = "http://www.w3.org/2000/svg", "http://www.inkscape.org/namespaces/inkscape"
@@ -70,7 +71,7 @@ def svg_bytes(patterns: Sequence[Pattern], title: str, note: str = "") -> bytes:
         group = _layer(root, layer)
         taken.add(layer)
         for piece in placed:
-            name = " ".join((*piece.label[1:3], piece.name)) if several else piece.name
+            name = " ".join((*piece.label.lines[1:3], piece.name)) if several else piece.name
             attributes = {f"{{{INKSCAPE}}}label": _legal(name), "class": "piece"}
             own = _child(group, "g", id=_identifier(f"{layer} {name}", taken), **attributes)
             draw[layer](own, piece)
@@ -149,27 +150,33 @@ def arrow_head(tip: Float[ndarray, "2"], tail: Float[ndarray, "2"], size: float)
 
 
 def _label(group: ET.Element, piece: CutPiece) -> None:
-    x, y = piece.label_at
-    lines = (*piece.label, *piece.notice)
-    angle = float(np.degrees(np.arctan2(*piece.label_along[::-1])))
-    top = y - LINE * piece.label_size * (len(lines) - 1) / 2 + 0.35 * piece.label_size
-    for row, words in enumerate(lines):
-        warning = row >= len(piece.label)
-        weight = "bold" if row == 0 or warning else "normal"
-        colour = "#c00000" if warning else "#000000"
-        level = top + LINE * piece.label_size * row
-        line = _text(group, words, x, level, piece.label_size, anchor="middle", weight=weight, colour=colour)
-        if abs(angle) > 1e-6:
-            line.set("transform", f"rotate({_number(angle)} {_number(x)} {_number(y)})")
-    lower = piece.sew[0].curve
-    for words, tip in (("inner end", lower.start), ("outer end", lower.end)):
-        towards = piece.label_at - tip
-        x, y = tip + 11.0 * towards / max(float(np.linalg.norm(towards)), 1e-9)
-        _text(group, words, x, y + 0.7, 2.0, anchor="middle")
-    for notch in piece.notches:
-        if notch.name:
-            x, y = notch.beside(4.0)
-            _text(group, notch.name, x, y + 0.7, 2.2, anchor="middle")
+    label = piece.label
+    for row, words in enumerate(label.all_lines):
+        colour = "#c00000" if row >= len(label.lines) else "#000000"
+        weight = "bold" if label.is_bold(row) else "normal"
+        _centred(group, words, label.middle(row), label.along, label.size, weight=weight, colour=colour)
+    for caption in piece.captions:
+        if caption.leader is not None:
+            _child(group, "path", d=" L".join(("M" + _pair(caption.leader[0]), _pair(caption.leader[1]))), fill="none",
+                   stroke="#000000", **{"stroke-width": "0.15"})  # fmt: skip
+        _centred(group, caption.words, caption.at, caption.along, caption.size)
+
+
+def _centred(
+    group: ET.Element,
+    words: str,
+    at: Float[ndarray, "2"],
+    along: Float[ndarray, "2"],
+    size: float,
+    weight: str = "normal",
+    colour: str = "#000000",
+) -> None:
+    """A line of text about a point; y runs downwards."""
+    x, y = at
+    angle = float(np.degrees(np.arctan2(along[1], along[0])))
+    line = _text(group, words, x, y + 0.35 * size, size, anchor="middle", weight=weight, colour=colour)
+    if abs(angle) > 1e-6:
+        line.set("transform", f"rotate({_number(angle)} {_number(x)} {_number(y)})")
 
 
 def _control_square(root: ET.Element, x: float, y: float) -> None:
@@ -236,8 +243,8 @@ def _text(
 ) -> ET.Element:
     """A line of text, its letters `size` mm high; smaller where it would be longer than `room`."""
     words = _legal(words)
-    if room is not None:  # letters of a sans-serif face are about 0.6 of its size wide
-        size = min(size, room / (0.62 * max(len(words), 1)))
+    if room is not None:
+        size = min(size, room / max(text_width(words, 1.0, bold=weight == "bold"), 0.1))
     style = {"font-family": "sans-serif", "font-size": _number(size), "font-weight": weight, "text-anchor": anchor}
     line = _child(parent, "text", x=_number(x), y=_number(y), fill=colour, **style, **attributes)
     line.text = words

@@ -12,8 +12,12 @@ from jaxtyping import Float, UInt8
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.patches import PathPatch
 from matplotlib.text import Text
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Affine2D
 from mpl_toolkits.mplot3d import Axes3D
 from numpy import ndarray
 
@@ -55,19 +59,37 @@ def pattern_figure(pattern: Pattern, title: str) -> Figure:
         for hole in piece.holes:
             axes.plot(*hole.point, marker="+", markersize=9, color=INK, zorder=4)
         axes.annotate("", *piece.grain, arrowprops={"arrowstyle": "<->", "color": SOFT, "linewidth": 0.9})
-        x, y = piece.label_at
-        lengths = "\n".join(f"{line.name}: {line.length:.1f} mm" for line in piece.sew)
-        _plain(axes.text(x, y, piece.name, ha="center", va="bottom", fontsize=12, fontweight="bold", color=INK))
-        _plain(axes.text(x, y, lengths, ha="center", va="top", fontsize=9, color=SOFT))
-        warning = "\n".join(f"WARNING: {words}" for words in piece.warnings)
-        low, _ = piece.bounds
-        _plain(axes.text(low[0], low[1], warning, ha="left", va="bottom", fontsize=8, color="#c00000", zorder=5))
+        label = piece.label
+        for row, words in enumerate(label.all_lines):
+            colour = "#c00000" if row >= len(label.lines) else INK
+            _true_size(axes, words, label.middle(row), label.angle, label.size, label.is_bold(row), colour)
+        for caption in piece.captions:
+            _true_size(axes, caption.words, caption.at, caption.angle, caption.size)
+            if caption.leader is not None:
+                axes.plot(*caption.leader.T, color=INK, linewidth=0.4, zorder=4)
     _mm_axes(axes, "mm", "mm")
     axes.set_aspect("equal")
     axes.margins(0.03)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=3, frameon=False, fontsize=10)
     _title(axes, title)
     return figure
+
+
+def _true_size(
+    axes: Axes,
+    words: str,
+    at: Float[ndarray, "2"],
+    angle: float,
+    size: float,
+    bold: bool = False,
+    colour: str = INK,
+) -> None:
+    """A line of text about a point, its letters as high in the drawing's mm as in the pattern files."""
+    font = FontProperties(weight="bold" if bold else "normal")
+    path = TextPath((0, 0), words.replace("$", r"\$"), size=size, prop=font)
+    width = path.get_extents().width if len(path.vertices) else 0.0
+    place = Affine2D().translate(-width / 2, -0.35 * size).rotate_deg(angle).translate(*at)
+    axes.add_patch(PathPatch(place.transform_path(path), facecolor=colour, linewidth=0, zorder=5))
 
 
 def fit_figure(

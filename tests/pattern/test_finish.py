@@ -152,8 +152,8 @@ def test_ease_stretches_pieces_but_not_allowances():
         size, stretched = np.ptp(a.sew_outline(), axis=0), np.ptp(b.sew_outline(), axis=0)
         np.testing.assert_allclose(stretched / size, (0.92, 1.05), atol=1e-6)
         assert b.area / a.area == pytest.approx(0.92 * 1.05, abs=1e-5)
-        assert "ease width -8 %, height +5 %" in b.label
-        assert "no ease" in a.label
+        assert "ease width -8 %, height +5 %" in b.label.lines
+        assert "no ease" in a.label.lines
         low, _ = b.bounds
         assert b.sew[0].curve.start[0] - low[0] == pytest.approx(6.0, abs=0.02)
         for m, n in zip(a.notches, b.notches, strict=True):
@@ -169,24 +169,24 @@ def test_grain_line_and_label_are_on_the_piece(grain):
         assert angle == pytest.approx(grain, abs=1e-6)
         assert sewn.contains(LineString(piece.grain))
         assert np.linalg.norm(end - start) > 15
-        assert sewn.contains(Point(*piece.label_at))
-        assert piece.label_size > 2
+        assert sewn.contains(Polygon(piece.label.corners))
+        assert piece.label.size > 2
 
 
 def test_labels_say_what_a_cutter_needs():
     pattern = lunes(size="75B", pair=True, quantity=2, allowance=allowance(8, 6, 6))
     about = ("size 75B", "cut 2 + 2 mirrored", "allowance wire 8.0 mm, ridge 6.0 mm", "no ease", "2001-02-03")
-    assert pattern.pieces[0].label == ("lower panel", "lune", "left cup", *about)
+    assert pattern.pieces[0].label.lines == ("lower panel", "lune", "left cup", *about)
     inches = lunes(units="inch").pieces[0]
-    assert "allowance 0.24 in" in inches.label
+    assert "allowance 0.24 in" in inches.label.lines
 
 
 def test_pair_is_drawn_as_mirror_images():
     own, other = lunes(pair=True).drawn
     for a, b in zip(own, other, strict=True):
         assert (a.side, b.side) == ("left", "right")
-        assert "right cup" in b.label
-        assert b.label_along[0] > 0
+        assert "right cup" in b.label.lines
+        assert b.label.along[0] > 0
         np.testing.assert_allclose(b.cut_outline(), a.cut_outline() * (-1, 1))
     assert len(lunes().drawn) == 1
 
@@ -213,7 +213,7 @@ def test_outline_that_crosses_itself_is_told_on_the_piece():
     pattern = finished(crossing_panel())
     assert any("crosses itself" in words for words in pattern.warnings)
     assert any("crosses itself" in words for words in pattern.pieces[0].warnings)
-    assert "crosses itself" in " ".join(pattern.pieces[0].notice)
+    assert "crosses itself" in " ".join(pattern.pieces[0].label.notice)
 
 
 def test_allowance_that_overlaps_is_trimmed_and_told():

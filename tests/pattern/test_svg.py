@@ -70,7 +70,7 @@ def test_layers_names_and_lengths_as_another_reader_finds_them(tmp_path, panels,
             assert len(path.get("d")) < 1500, "few arcs, not many points"
         assert len(notch) == len(piece.notches)
         assert len(drill.findall(f"{SVG}circle")) == len(piece.holes)
-        assert set(piece.label) <= {line.text for line in text}
+        assert set(piece.label.lines) <= {line.text for line in text}
 
 
 def path_is_closed(d: str) -> bool:
