@@ -182,14 +182,14 @@ def _traced(
 
         u = np.linspace(0, len(curve.controls), 80 * len(curve.controls) + 1)
         points, tangents = trace(u)
-        on = shapely.distance(shapely.points(points), outline) < _NEAR
+        on = np.asarray(shapely.distance(shapely.points(points), outline) < _NEAR)
         on[1:-1] &= ((points[2:] - points[:-2]) * tangents[1:-1]).sum(1) > 0  # not where the parallel runs backwards
         edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
         for a, b in edges.reshape(-1, 2):
             part = points[a:b]
             if b - a > 3 and np.linalg.norm(np.diff(part, axis=0), axis=1).sum() > 0.5:
-                places = [outline.project(shapely.Point(part[k])) for k in (0, -1)]
-                runs.append((*places, fit_curve(trace, u[a], u[b - 1], _FINE)))
+                first, last = (outline.project(shapely.Point(part[k])) for k in (0, -1))
+                runs.append((first, last, fit_curve(trace, float(u[a]), float(u[b - 1]), _FINE)))
     if not runs:
         return _portions(np.vstack((ring, ring[:1])))
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(np.vstack((ring, ring[:1])), axis=0), axis=1)))[:-1]

@@ -103,9 +103,9 @@ class Label:
         """Of the lines, in degrees, from -90 to 90."""
         return float(np.degrees(np.arctan2(self.along[1], self.along[0])))
 
-    def middle(self, row: int) -> Float[ndarray, "2"]:
-        """The middle of a line of text."""
-        down = np.array((self.along[1], -self.along[0]))
+    def middle(self, row: int, upwards: bool = True) -> Float[ndarray, "2"]:
+        """The middle of a line of text; `upwards`: the way y runs."""
+        down = np.array((self.along[1], -self.along[0])) * (1 if upwards else -1)
         return self.at + LINE * self.size * (row - (len(self.all_lines) - 1) / 2) * down
 
     def map(self, move: Move) -> Label:
@@ -190,7 +190,7 @@ def place_captions(
         captions.append(_first(sight, name, _beside(foot, inward), foot, -inward))
     lower, upper = edges[0], edges[-1].reversed()
     for name, a, b in (("inner end", lower, upper), ("outer end", lower.reversed(), upper.reversed())):
-        tip, away = a.start, a.at(12.0)[0] + b.at(12.0)[0] - 2 * a.start
+        tip, away = a.start, (_along(a, np.array([12.0])) + _along(b, np.array([12.0])))[0] - 2 * a.start
         outward = -away / max(float(np.linalg.norm(away)), 1e-9)
         captions.append(_first(sight, name, _from_tip(tip, a, b, outward, sight), tip, outward))
     return tuple(captions)
@@ -247,7 +247,7 @@ def _from_tip(
     A sharp tip is narrow: there the text follows its middle line.
     """
     reach = np.arange(2.0, 0.45 * min(a.length, b.length, 150.0), 1.5)
-    middles = np.array([(a.at(d)[0] + b.at(d)[0]) / 2 for d in reach])
+    middles = (_along(a, reach) + _along(b, reach)) / 2
 
     def places(words: str, size: float) -> Iterator[Place]:
         for k, at in enumerate(middles[:-2]):
@@ -261,6 +261,13 @@ def _from_tip(
             yield tip + distance * outward, across, sight.cut
 
     return places
+
+
+def _along(curve: Curve, distances: Float[ndarray, " n"]) -> Float[ndarray, "n 2"]:
+    """About the points at arc lengths from a curve's start."""
+    points = curve.polyline(0.05)
+    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    return np.stack([np.interp(distances, lengths, points[:, i]) for i in range(2)], axis=-1)
 
 
 def _roomiest(

@@ -19,6 +19,7 @@ from brafit import __version__
 from brafit.atomic import replacing
 from brafit.pattern.curve import Curve
 from brafit.pattern.finish import CutPiece, Pattern
+from brafit.pattern.font import drawable, face
 from brafit.pattern.options import PAPERS, PatternOptions
 from brafit.pattern.piece import Kind, Sheet, layout_columns
 from brafit.pattern.svg import LEGEND, STROKES, arrow_head
@@ -134,7 +135,7 @@ def _tiling(sheet: Sheet[CutPiece], width: float, height: float) -> Tiling:
 
 
 def _canvas(path: Path, width: float, height: float, title: str) -> Canvas:
-    canvas = Canvas(str(path), pagesize=(width * mm, height * mm), pageCompression=1)
+    canvas = Canvas(str(path), pagesize=(width * mm, height * mm), pageCompression=1, initialFontName=face())
     canvas.setTitle(_plain(title))
     canvas.setCreator(f"brafit {__version__}")
     canvas.setSubject("bra cup patterns at true size; print at 100 %")
@@ -381,10 +382,10 @@ def _text(
     grey: float = 0.0,
 ) -> None:
     """A line of text, its letters `size` mm high; smaller where it would be longer than `room`."""
-    face, words = "Helvetica-Bold" if bold else "Helvetica", _plain(words)
+    words = drawable(_plain(words), bold)
     if room is not None:
-        size = min(size, size * room / max(canvas.stringWidth(words, face, size), 1e-6))
-    canvas.setFont(face, size)
+        size = min(size, size * room / max(canvas.stringWidth(words, face(bold), size), 1e-6))
+    canvas.setFont(face(bold), size)
     if red:
         canvas.setFillColorRGB(0.75, 0, 0)
     else:
@@ -393,6 +394,5 @@ def _text(
 
 
 def _plain(words: str) -> str:
-    """One line in the letters that every PDF reader's own faces have."""
-    line = " ".join("".join(c if c.isprintable() else " " for c in words).split())
-    return line.encode("cp1252", errors="replace").decode("cp1252")
+    """One line of printable characters."""
+    return " ".join("".join(c if c.isprintable() else " " for c in words).split())

@@ -154,7 +154,7 @@ def _label(group: ET.Element, piece: CutPiece) -> None:
     for row, words in enumerate(label.all_lines):
         colour = "#c00000" if row >= len(label.lines) else "#000000"
         weight = "bold" if label.is_bold(row) else "normal"
-        _centred(group, words, label.middle(row), label.along, label.size, weight=weight, colour=colour)
+        _centred(group, words, label.middle(row, upwards=False), label.along, label.size, weight=weight, colour=colour)
     for caption in piece.captions:
         if caption.leader is not None:
             _child(group, "path", d=" L".join(("M" + _pair(caption.leader[0]), _pair(caption.leader[1]))), fill="none",

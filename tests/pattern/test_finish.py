@@ -1,5 +1,8 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import shapely
 import torch
 from lunes import RADIUS, lune_area, lune_cup, lune_flat
 from shapely import LineString, Point, Polygon
@@ -7,6 +10,7 @@ from shapely import LineString, Point, Polygon
 from brafit.errors import ConfigError
 from brafit.geometry.development import FlatPanel
 from brafit.pattern import CutPiece, Pattern, PatternOptions, Side, finish, marks_on, pieces_from_panels
+from brafit.pattern.piece import Mark
 
 HALF = RADIUS * np.pi / 2
 APEX = np.array([RADIUS * np.sin(np.pi / 4), RADIUS, RADIUS * np.sin(np.pi / 4)])
@@ -216,22 +220,92 @@ def test_outline_that_crosses_itself_is_told_on_the_piece():
     assert "crosses itself" in " ".join(pattern.pieces[0].label.notice)
 
 
-def test_allowance_that_overlaps_is_trimmed_and_told():
-    tight = finished(hollow_panel(3.0), allowance=allowance(6, 6, 12))
-    assert any("allowance overlaps" in words for words in tight.warnings)
-    cut = Polygon(tight.pieces[0].cut_outline())
+@pytest.mark.parametrize("radius", [3.0, 5.0, 8.0])
+def test_allowance_follows_a_tight_bend_and_is_nowhere_narrower(radius):
+    """Tighter than the allowance is wide, so that the parallel folds back on itself."""
+    made = finished(hollow_panel(radius), allowance=allowance(6, 6, 12))
+    assert made.warnings == ()
+    (piece,) = made.pieces
+    cut = Polygon(piece.cut_outline(1e-3))
     assert cut.is_valid
-    assert cut.buffer(0.05).contains(Polygon(tight.pieces[0].sew_outline()))
-    wide = finished(hollow_panel(30.0), allowance=allowance(6, 6, 12))
-    assert wide.warnings == ()
+    upper = shapely.points(tips_apart(piece.sew[1].curve.polyline(1e-3), piece, 14.0))
+    assert shapely.distance(upper, cut.exterior).min() > 12 - 0.02
+    assert shapely.contains(cut, upper).all()
+    for curve, after in zip(piece.cut, piece.cut[1:] + piece.cut[:1], strict=True):
+        np.testing.assert_allclose(curve.end, after.start, atol=1e-4)
 
 
-def test_trimmed_outline_is_that_of_shapely():
-    piece = finished(hollow_panel(3.0), allowance=allowance(8, 8, 8)).pieces[0]
+def test_trimmed_outline_is_that_of_shapely_with_its_hollow_rounded():
+    (piece,) = finished(hollow_panel(3.0), allowance=allowance(8, 8, 8)).pieces
     buffered = Polygon(piece.sew_outline(1e-3)).buffer(8.0, join_style="mitre", quad_segs=64)
+    rounded = buffered.buffer(4.0, quad_segs=64).buffer(-4.0, quad_segs=64)
     tips = [Point(*tip).buffer(20.0) for tip in (piece.sew[0].curve.start, piece.sew[0].curve.end)]
-    gap = Polygon(piece.cut_outline(1e-3)).symmetric_difference(buffered)
-    assert gap.difference(tips[0]).difference(tips[1]).area < 1.0
+    gap = Polygon(piece.cut_outline(1e-3)).symmetric_difference(rounded)
+    assert gap.difference(tips[0]).difference(tips[1]).area < 0.5
+
+
+def test_hollow_that_the_allowance_bridges_is_told():
+    made = finished(hollow_panel(1.0), allowance=allowance(6, 6, 12))
+    assert any("bridges a hollow" in words for words in made.warnings)
+    assert "bridges" in " ".join(made.pieces[0].label.notice)
+    cut = Polygon(made.pieces[0].cut_outline())
+    assert cut.is_valid
+    assert cut.buffer(0.05).contains(Polygon(made.pieces[0].sew_outline()))
+
+
+def test_notches_in_a_hollow_begin_on_the_cut_line():
+    deep = finished(hollow_panel(2.0), allowance=allowance(6, 6, 12))
+    marked = finish(
+        [replace(p, edges=(p.edges[0], replace(p.edges[1], marks=(Mark("strap point", 45.0),))))
+         for p in pieces_from_panels([hollow_panel(2.0)])],
+        deep.options, name="x", side="left",
+    )  # fmt: skip
+    (piece,) = marked.pieces
+    cut = Polygon(piece.cut_outline(1e-3)).exterior
+    (notch,) = (n for n in piece.notches if n.name)
+    assert cut.distance(Point(*notch.ticks[0, 0])) < 0.02
+
+
+@pytest.mark.parametrize("panels", [1, 2, 3, 4, 6])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_texts_keep_clear_of_lines_and_of_each_other(panels, side):
+    for made in (lunes(panels, side, pair=True), lunes(panels, side, allowance=allowance(0, 3, 0))):
+        for piece in (piece for column in made.drawn for piece in column):
+            lines = [LineString(np.vstack((line, line[:1]))) for line in (piece.sew_outline(), piece.cut_outline())]
+            lines += [LineString(piece.grain), *(LineString(t) for n in piece.notches for t in n.ticks)]
+            boxes = [Polygon(piece.label.corners), *(Polygon(caption.corners) for caption in piece.captions)]
+            assert len(boxes) >= 3
+            assert not any(box.intersects(line) for box in boxes for line in lines)
+            assert not any(a.intersects(b) for i, a in enumerate(boxes) for b in boxes[:i])
+            assert not any(box.distance(Point(*hole.point)) < 3 for box in boxes for hole in piece.holes)
+            low, high = piece.bounds
+            corners = np.concatenate([np.asarray(box.exterior.coords) for box in boxes])
+            assert (corners > low - 1e-9).all()
+            assert (corners < high + 1e-9).all()
+
+
+def test_seams_that_ease_makes_unequal_are_told():
+    alike = lunes(3, ease={"width": -5.0, "height": -5.0})
+    assert alike.warnings == ()
+    shifted = finish(
+        pieces_from_panels([lune_flat(2)[0], a_bent_panel()]),
+        PatternOptions(ease={"width": -20.0, "height": 0.0}), name="x", side="left",
+    )  # fmt: skip
+    sides = [line.length for piece in shifted.pieces for line in piece.sew if line.name == "ridge"]
+    assert abs(sides[0] - sides[1]) > 1
+    (words,) = (words for words in shifted.warnings if "ease" in words)
+    assert f"{abs(sides[0] - sides[1]):.1f} mm" in words
+    assert all("ease" in " ".join(piece.label.notice) for piece in shifted.pieces)
+
+
+def a_bent_panel() -> FlatPanel:
+    """Its lower edge is as long as the lunes' ridge, but a circular arc of a third of a turn."""
+    length = 2 * HALF
+    angle = torch.linspace(-torch.pi / 3, torch.pi / 3, 101, dtype=torch.float64)
+    radius = length / (2 * torch.pi / 3)
+    lower = torch.stack((radius * torch.sin(angle), -radius * torch.cos(angle)), -1)
+    bump = 30 * torch.cos(1.5 * angle)
+    return FlatPanel(lower, lower + torch.stack((0 * bump, bump), -1))
 
 
 def test_seam_sides_of_different_length_are_told_on_both_pieces():

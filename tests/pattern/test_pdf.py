@@ -136,3 +136,16 @@ def test_any_name_makes_a_readable_file(tmp_path, name):
     assert "control square" in text.stdout
     assert "lower panel" in text.stdout
     assert " in" in text.stdout
+
+
+@pytest.mark.parametrize(
+    "name", ["Надія Шевченко", "Ελένη Παπαδοπούλου", "Nguyễn Thị Phương", "Łucja Ďuriš", "Gülşah Öztürk"]
+)
+def test_names_in_other_scripts_come_out_as_written(tmp_path, name):
+    write_pdf_sheet(tmp_path / "p.pdf", [pattern(name=name)], name)
+    text = subprocess.run([program("pdftotext"), tmp_path / "p.pdf", "-"], check=True, capture_output=True, text=True)
+    assert text.stdout.count(name) >= 3  # title and both labels
+    fonts = subprocess.run([program("pdffonts"), tmp_path / "p.pdf"], check=True, capture_output=True, text=True)
+    rows = [line.split() for line in fonts.stdout.splitlines()[2:]]
+    assert len(rows) == 2
+    assert all("yes" in row for row in rows), "embedded"
