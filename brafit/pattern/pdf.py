@@ -135,7 +135,7 @@ def _tiling(sheet: Sheet[CutPiece], width: float, height: float) -> Tiling:
 
 
 def _canvas(path: Path, width: float, height: float, title: str) -> Canvas:
-    canvas = Canvas(str(path), pagesize=(width * mm, height * mm), pageCompression=1, initialFontName=face())
+    canvas = Canvas(str(path), pagesize=(width * mm, height * mm), pageCompression=1, initialFontName=face())  # type: ignore[arg-type]
     canvas.setTitle(_plain(title))
     canvas.setCreator(f"brafit {__version__}")
     canvas.setSubject("bra cup patterns at true size; print at 100 %")

@@ -136,12 +136,15 @@ def panel_meshes(
 
 
 def write_cup_obj(path: str | Path, meshes: Sequence[PanelMesh]) -> None:
-    """Write panels as Wavefront OBJ: an object a panel, millimetres, texture coordinates the flat pattern in mm."""
+    """Write panels as Wavefront OBJ: an object a panel, millimetres, texture coordinates the flat pattern in mm.
+
+    With nine digits, so that the angles of the tiny triangles at the tips are still those of a developable surface.
+    """
     lines, first = ["# brafit: bra cup, an object a panel; vt is the flat pattern; mm"], 1
     for mesh in meshes:
         lines.append(f"o {'_'.join(mesh.name.split())}")
-        lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices.tolist()]
-        lines += [f"vt {u:.6f} {v:.6f}" for u, v in mesh.flat.tolist()]
+        lines += [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in mesh.vertices.tolist()]
+        lines += [f"vt {u:.9f} {v:.9f}" for u, v in mesh.flat.tolist()]
         lines += [f"vn {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.normals.tolist()]
         lines += ["f " + " ".join(f"{i}/{i}/{i}" for i in face) for face in (mesh.faces + first).tolist()]
         first += len(mesh.vertices)

@@ -27,7 +27,3 @@ def program(name: str) -> str:
     if path is None:
         pytest.skip(f"the program {name} is not installed")
     return path
-
-
-def polyline_length(points) -> float:
-    return float(np.linalg.norm(np.diff(np.asarray(points, float)[:, :2], axis=0), axis=1).sum())

@@ -1,4 +1,4 @@
-"""DXF files as ezdxf's auditor, GDAL and an npm package read them."""
+"""DXF files as ezdxf's auditor, GDAL and trimesh read them."""
 
 import json
 import re
@@ -8,7 +8,8 @@ from collections import Counter
 import ezdxf.filemanagement
 import numpy as np
 import pytest
-from patterns import pattern, polyline_length, program
+from check_patterns import dxf_figures, gdal_figures, polyline_length, trimesh_figures
+from patterns import pattern, program
 
 from brafit.pattern.dxf import block_name, write_dxf
 
@@ -129,22 +130,14 @@ def test_gdal_reads_the_same_lengths(tmp_path):
     assert {"Piece Name: lower panel", "Size: lune", "Quantity: 1"} <= set(words)
 
 
-def test_dxf_parser_reads_the_same_lengths(tmp_path):
-    node = program("node")
-    made = pattern()
+@pytest.mark.parametrize("options", [{}, {"units": "inch"}])
+def test_all_readers_find_the_lengths_of_the_edges(tmp_path, options):
+    program("ogr2ogr")
+    made = pattern(3, **options)
     write_dxf(tmp_path / "p.dxf", [made], "lune")
-    script = (
-        "const m = require('dxf-parser'); const P = m.default || m;"
-        "const d = new P().parseSync(require('fs').readFileSync(process.argv[1], 'utf8'));"
-        "const out = {}; for (const b of Object.values(d.blocks))"
-        " out[b.name] = b.entities.filter(e => e.layer === '14').map(e => e.vertices.map(v => [v.x, v.y]));"
-        "console.log(JSON.stringify(out));"
-    )
-    done = subprocess.run([node, "-e", script, tmp_path / "p.dxf"], capture_output=True, text=True)
-    if "Cannot find module 'dxf-parser'" in done.stderr:
-        pytest.skip("the npm package dxf-parser is not installed (npm install -g dxf-parser, NODE_PATH=$(npm root -g))")
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    for piece in made.pieces:
-        lengths = [polyline_length(line) for line in found[f"{piece.name.upper().replace(' ', '_')}_LUNE"]]
-        np.testing.assert_allclose(lengths, [line.length for line in piece.sew], atol=0.05)
+    edges = {piece.name: {line.name: line.length for line in piece.sew} for piece in made.pieces}
+    for read in (dxf_figures, gdal_figures, trimesh_figures):
+        found = {figure: value for figure, value in read(tmp_path / "p.dxf", edges).items() if "points" not in figure}
+        assert all(value <= 0.05 for value in found.values()), found
+        wrong = {piece: {name: length + 1 for name, length in lines.items()} for piece, lines in edges.items()}
+        assert max(read(tmp_path / "p.dxf", wrong).values()) > 0.9

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from check_patterns import angle_defect, edge_strain, flattened, misfit
 from lunes import lune_area, lune_cup, lune_flat
 
 from brafit.pattern import Side, pieces_from_panels
@@ -12,64 +13,26 @@ def meshes(panels: int = 2, n: int = 401, strips: int = 4, side: Side = "left", 
     return panel_meshes(lune_cup(panels, n), pieces_from_panels(lune_flat(panels, n), side), strips, place)
 
 
-def edge_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    corners = vertices[faces]
-    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-
-
-def misfit(a: np.ndarray, b: np.ndarray) -> float:
-    """Largest distance after the best rigid motion of the plane, mirror images allowed."""
-    a, b = a - a.mean(0), b - b.mean(0)
-    u, _, v = np.linalg.svd(a.T @ b)
-    return float(np.linalg.norm(a @ u @ v - b, axis=1).max())
-
-
-def flattened(mesh: PanelMesh, method: str) -> np.ndarray:
-    """By libigl: LSCM with two points held as far apart as the pattern has them; ARAP from there with one held."""
-    igl = pytest.importorskip("igl", reason="the flattening package libigl is not installed")
-    faces = mesh.faces.astype(np.int64)
-    loop = igl.boundary_loop(faces)
-    held = np.array([loop[0], loop[len(loop) // 2]], dtype=np.int64)
-    flat, *_ = igl.lscm(np.ascontiguousarray(mesh.vertices), faces, held, np.ascontiguousarray(mesh.flat[held]))
-    if method == "lscm":
-        return flat
-    data = igl.ARAPData()
-    data.energy = igl.ARAP_ENERGY_TYPE_DEFAULT
-    data.max_iter = 50
-    igl.arap_precomputation(np.ascontiguousarray(mesh.vertices), faces, 2, held[:1], data)
-    moved = np.ascontiguousarray(flat)
-    return igl.arap_solve(np.ascontiguousarray(flat[held[:1]]), data, moved)
-
-
 @pytest.mark.parametrize("method", ["lscm", "arap"])
 @pytest.mark.parametrize("panels", [1, 2, 3])
 def test_independent_flattening_is_congruent_to_the_pattern(panels, method):
+    pytest.importorskip("igl", reason="the flattening package libigl is not installed")
     for mesh in meshes(panels):
         flat = flattened(mesh, method)
         assert misfit(flat, mesh.flat) <= 0.02
-        strain = edge_lengths(flat, mesh.faces) / edge_lengths(mesh.vertices, mesh.faces) - 1
-        assert np.abs(strain).max() <= 1e-4
+        assert edge_strain(flat, mesh.vertices, mesh.faces) <= 1e-4
 
 
 @pytest.mark.parametrize("panels", [1, 2, 3])
 def test_every_triangle_is_as_large_in_the_pattern_as_on_the_cup(panels):
     for mesh in meshes(panels):
-        strain = edge_lengths(mesh.flat, mesh.faces) / edge_lengths(mesh.vertices, mesh.faces) - 1
-        assert np.abs(strain).max() < 1e-4
+        assert edge_strain(mesh.flat, mesh.vertices, mesh.faces) < 1e-4
 
 
 @pytest.mark.parametrize("panels", [1, 2, 3])
 def test_inner_vertices_have_no_angle_defect(panels):
     for mesh in meshes(panels):
-        corners = mesh.vertices[mesh.faces]
-        a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
-        angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))
-        total = np.bincount(mesh.faces.ravel(), angles.ravel())
-        pairs = np.sort(np.concatenate([mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
-        unique, count = np.unique(pairs, axis=0, return_counts=True)
-        inner = np.setdiff1d(np.arange(len(mesh.vertices)), unique[count == 1])
-        assert len(inner) > 1000
-        assert np.abs(total[inner] - 2 * np.pi).max() < 1e-9
+        assert angle_defect(mesh.vertices, mesh.faces) < 1e-9
 
 
 def mirrored(points: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from check_patterns import MissingReaderError, chromium, shown_title, with_title
 from lunes import RADIUS, lune_cup, lune_flat, sphere_points
 
 from brafit.fit import CupFit, ResultCode, Target
@@ -37,25 +37,19 @@ def result(
     return Result(fit, target, side, CupFrame(np.array([1.0, 2.0, 3.0]), mirror), PatternOptions(**options), sources)
 
 
-def browser(*arguments: object, profile: Path) -> subprocess.CompletedProcess:
-    path = shutil.which("chromium") or shutil.which("chromium-browser")
-    if path is None:
-        pytest.skip("the browser chromium is not installed")
-    quiet = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
-    flags = ["--headless", "--no-sandbox", "--disable-gpu", *quiet, "--disable-sync", f"--user-data-dir={profile}"]
-    command = [path, *flags, "--hide-scrollbars", "--window-size=1200,1000", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+def browser(*arguments: object, profile: Path) -> str:
+    try:
+        return chromium(*arguments, profile=profile)
+    except MissingReaderError as reason:
+        pytest.skip(str(reason))
 
 
 def dom(page: Path, script: str, folder: Path) -> str:
     """The title that a script gives the page, as the browser has it when the page is loaded."""
-    tried = folder / "tried.html"
-    text = page.read_text(encoding="utf-8")
-    tried.write_text(text.replace("</body>", f"<script>document.title = String({script})</script></body>"))
-    shown = browser("--dump-dom", "--virtual-time-budget=2000", tried.as_uri(), profile=folder / "profile").stdout
-    title = re.search(r"<title>(.*?)</title>", shown, re.DOTALL)
-    assert title is not None
-    return title[1]
+    try:
+        return shown_title(with_title(page, script, folder), folder)
+    except MissingReaderError as reason:
+        pytest.skip(str(reason))
 
 
 def test_report_is_one_small_file_that_asks_for_nothing(tmp_path):
