@@ -17,7 +17,7 @@ from numpy import ndarray
 from shapely import LineString, Polygon, make_valid, unary_union
 from shapely.geometry.base import BaseGeometry
 
-from brafit.pattern.curve import Curve, closed, cross, fit_curve, right_of
+from brafit.pattern.curve import TOLERANCE, Curve, closed, cross, fit_curve, right_of
 
 _FINE = 0.005
 """Tolerance in mm of the polylines that outlines are compared with."""
@@ -189,7 +189,7 @@ def _traced(
             part = points[a:b]
             if b - a > 3 and np.linalg.norm(np.diff(part, axis=0), axis=1).sum() > 0.5:
                 first, last = (outline.project(shapely.Point(part[k])) for k in (0, -1))
-                runs.append((first, last, fit_curve(trace, float(u[a]), float(u[b - 1]), _FINE)))
+                runs.append((first, last, fit_curve(trace, float(u[a]), float(u[b - 1]), TOLERANCE)))
     if not runs:
         return _portions(np.vstack((ring, ring[:1])))
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(np.vstack((ring, ring[:1])), axis=0), axis=1)))[:-1]
