@@ -29,11 +29,10 @@ from torch import Tensor
 from brafit.config import register
 from brafit.cup import CupShape, FramesCup, StripsCup, Wire
 from brafit.fit import LM, Conditions, LMStage, NelderMead, Target, fit_targets
-from brafit.fit.lm import minimise
-from brafit.fit.loop import in_millimetres
+from brafit.fit.lm import minimise, staged
+from brafit.fit.loop import in_millimetres, starting_problems
 from brafit.fit.measure import flat_panels
 from brafit.fit.objective import Objective, Pressure
-from brafit.fit.start import start_profiles
 from brafit.fit.targets import Targets
 from brafit.scan import find_scans, load_scan
 from brafit.scan.synthetic import on_panels, quarter_sphere
@@ -82,11 +81,7 @@ def report_breasts(targets: list[Target]) -> None:
 def problems(targets: list[Target], panels: int) -> Objective:
     """One start per scan, as a batch."""
     wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])
-    cup = StripsCup(wires, panels)
-    angles, reaches = (np.concatenate(v) for v in zip(*(start_profiles(t, panels, 1) for t in targets), strict=True))
-    batch = Targets.stack(targets, cup.wire.scale)
-    cup.start(torch.as_tensor(angles), torch.as_tensor(reaches) / batch.scale[:, None])
-    return Objective(cup, batch, shipped()[1])
+    return starting_problems(targets, wires, partial(StripsCup, panels=panels), shipped()[1], restarts=1)
 
 
 def report_steps(targets: list[Target]) -> None:
@@ -97,8 +92,7 @@ def report_steps(targets: list[Target]) -> None:
         place = objective.cup.flatten().detach()
         counts = []
         for stage in solver.stages:
-            part = objective if stage.points is None else objective.thinned(stage.points)
-            place = part.cup.place_corner(place, part.targets.connection, part.targets.has_connection)
+            part, place = staged(objective, place, stage)
             ending = minimise(part, place, Pressure(1.0), stage, lambda index, terms: None)
             place = ending.place
             near = (ending.history <= 1.01 * ending.history[-1]).double().argmax(0) + 1

@@ -60,6 +60,8 @@ class Cup(nn.Module, ABC):
     matrix (B, size), made by `flatten` and read by `shape_of`.
     """
 
+    exact = False
+    """Whether panels are developable up to the grid behind `shape_of`."""
     stations: Tensor
 
     def __init__(self, wire: Wire, panels: int, stations: int):
@@ -130,9 +132,9 @@ class Cup(nn.Module, ABC):
         """
         return flat
 
-    def refined(self) -> "Cup | None":
-        """The same cups with a finer grid behind `shape_of`; None where no grid makes panels developable."""
-        return None
+    def refined(self) -> "Cup":
+        """The same cups with a finer grid behind `shape_of`; themselves where there is none."""
+        return self
 
     def finer(self) -> "Cup":
         """The same cups with a finer grid for the fit; themselves where there is none."""

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, unit
-from brafit.geometry.nearest import gather_rows, hermite, hermite_slope, nearest_feet
+from brafit.geometry.nearest import gather_rows, hermite, hermite_slope, nearest_on_curve
 
 Points = Float[Tensor, "batch m 3"]
 
@@ -95,10 +95,7 @@ def gaps_to_points(shape: CupShape, edge: int, points: Points) -> Gaps:
     n = line.shape[1]
     own = torch.cat((line, tangents), dim=1)
     with torch.no_grad():
-        # An edge is a panel without width to the search, which finds its foot points to round-off.
-        curve, slopes = (v.detach()[:, None].expand(-1, 2, -1, -1) for v in (line, tangents))
-        feet = nearest_feet(points, curve, slopes, stations)
-        segment, tau = feet.interval, feet.tau
+        segment, tau = nearest_on_curve(points, line.detach(), tangents.detach(), stations)
         h = stations[segment + 1] - stations[segment]
         index = torch.stack((segment, segment + 1, segment + n, segment + n + 1), dim=-1)
         samples = gather_rows(own, index)

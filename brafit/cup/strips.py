@@ -51,6 +51,7 @@ class StripsCup(Cup):
             have one corner.
     """
 
+    exact = True
     _to_stations: Tensor
 
     def __init__(

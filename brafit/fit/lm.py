@@ -25,6 +25,8 @@ _COMPACT = 0.75
 """Finished problems leave the batch once less than this share of it still runs."""
 _LOOKS = 3
 """How often the barrier may be raised."""
+_SEARCHING = 4
+"""Nearest points are searched anew in the first steps and then every so many; in between, they are followed."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class LMStage:
 
     Attributes:
         terms: terms of the cup's series that are free; None: all its parameters.
-        points: points of each cloud that are looked at; None: all.
+        points: points of each cloud that are looked at; None: all. 0: none, the edges are drawn to the start's curves.
         steps: steps at most.
         keep: starts per scan that go on after the stage.
         penalty: penalty mu of the cup's constraints, where it has any.
@@ -103,10 +105,7 @@ class LM:
             running, finer = live, False
             for _ in range(_LOOKS + 1 if last else 1):
                 part = objective.select(running)
-                part = part.finer() if finer else part
-                part = part if stage.points is None else part.thinned(stage.points)
-                targets = part.targets
-                place[running] = part.cup.place_corner(place[running], targets.connection, targets.has_connection)
+                part, place[running] = staged(part.finer() if finer else part, place[running], stage)
                 pressure = Pressure(stage.penalty, {k: v[running] for k, v in multipliers.items()}, barrier[running])
                 tell = partial(_tell, callback, f"{number + 1} lm", done, total)
                 ending = minimise(part, place[running], pressure, stage, tell)
@@ -168,6 +167,16 @@ class LM:
         return torch.cat(chosen).sort().values
 
 
+def staged(
+    objective: Objective, place: Float[Tensor, "batch size"], stage: LMStage
+) -> tuple[Objective, Float[Tensor, "batch size"]]:
+    """The objective as a stage sees it, and the places that the stage begins at."""
+    if stage.points is not None:
+        objective = objective.thinned(stage.points) if stage.points else objective.guided()
+    targets = objective.targets
+    return objective, objective.cup.place_corner(place, targets.connection, targets.has_connection)
+
+
 def _margins(objective: Objective, place: Float[Tensor, "batch size"]) -> Float[Tensor, " batch"]:
     """Smallest regularity margin of the cups as they are given out."""
     shape = objective.cup.shape_of(place)
@@ -208,13 +217,14 @@ def minimise(
         if running.sum() < _COMPACT * len(index):
             keep = running.nonzero()[:, 0]
             index, place, damping, growth = index[keep], place[keep], damping[keep], growth[keep]
-            here = here.map(partial(torch.index_select, dim=0, index=keep))
+            here = here.select(keep)
             objective, pressure = objective.select(keep), pressure.select(keep)
             running = running[keep]
         move, expected = _step(here, damping)
         trial = place.clone()
         trial[:, columns] += move
-        there = normal_equations(objective, trial, pressure, stage.terms)
+        near = here.feet if count >= _SEARCHING and count % _SEARCHING else None
+        there = normal_equations(objective, trial, pressure, stage.terms, near)
         gain = here.value - there.value
         ratio = gain / expected
         finite = there.value.isfinite() & there.matrix.isfinite().all(-1).all(-1)
@@ -223,7 +233,7 @@ def minimise(
         finished = running & (expected < small) & (gain.abs() < small) & finite
         finished |= running & (damping > 1e10)
         place = torch.where(accepted[:, None], trial, place)
-        here = _choose(accepted, there, here)
+        here = there.choose(accepted, here)
         eased = damping * (1 - (2 * ratio - 1) ** 3).clamp(1 / 5, 2)
         damping = torch.where(accepted, eased, damping * growth).clamp_min(1e-12)
         growth = torch.where(accepted, 2.0, growth * 2)
@@ -250,18 +260,3 @@ def _step(here: Normal, damping: Tensor) -> tuple[Float[Tensor, "batch columns"]
     # model decrease: -g.m - m.H.m / 2 with H m = -g - extra m
     expected = 0.5 * ((extra * move - here.gradient) * move).sum(-1)
     return move, torch.where(usable, expected, torch.inf)
-
-
-def _choose(which: Tensor, first: Normal, second: Normal) -> Normal:
-    """Problem by problem one of two."""
-
-    def pick(a: Tensor, b: Tensor) -> Tensor:
-        return torch.where(which.view(-1, *[1] * (a.dim() - 1)), a, b)
-
-    return Normal(
-        pick(first.value, second.value),
-        pick(first.gradient, second.gradient),
-        pick(first.matrix, second.matrix),
-        pick(first.margin, second.margin),
-        {k: pick(v, second.terms[k]) for k, v in first.terms.items()},
-    )

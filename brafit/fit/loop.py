@@ -8,17 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
-from brafit.cup.wire import LENGTH, Wire
-from brafit.fit.measure import figures_of, flat_panels, point_distances
+from brafit.cup.wire import Wire
+from brafit.fit.measure import figures_of, flat_panels, point_distances, wire_places
 from brafit.fit.objective import Conditions, Objective, Pressure
 from brafit.fit.result import ResultCode
-from brafit.fit.solver import Callback, Solver
-from brafit.fit.start import start_profiles
+from brafit.fit.shards import in_shards
+from brafit.fit.solver import Callback, Solution, Solver
+from brafit.fit.start import middles, start_curves
 from brafit.fit.targets import Target, Targets
 from brafit.geometry.development import FlatPanel
 
@@ -71,6 +72,7 @@ def fit_targets(
     restarts: int = 1,
     dtype: torch.dtype = torch.float64,
     device: torch.device | str = "cpu",
+    threads: int = 1,
     callback: Callback | None = None,
 ) -> list[CupFit]:
     """Fit one batch of scans; each result is the same as if its scan were alone.
@@ -81,31 +83,43 @@ def fit_targets(
         solver: e.g. `Anneal`.
         condition: what is asked of the cups.
         restarts: starts per scan; the one with the lowest objective wins.
+        threads: processor cores that share the scans.
         callback: told of every step.
 
     Raises:
         ValueError: a target without points or with a wire that is no curve (checked input has neither).
     """
+
+    def work(some: Sequence[Target], callback: Callback | None) -> list[CupFit]:
+        return _fit_together(some, cup, solver, condition, restarts, dtype, device, callback)
+
     begun = time.perf_counter()
+    shards = threads if torch.device(device).type == "cpu" else 1
+    fits = in_shards(work, targets, shards, callback)
+    seconds = (time.perf_counter() - begun) / max(1, len(targets))
+    return [replace(fit, seconds=seconds) for fit in fits]
+
+
+def _fit_together(
+    targets: Sequence[Target],
+    cup: Callable[[Wire], Cup],
+    solver: Solver,
+    condition: Conditions,
+    restarts: int,
+    dtype: torch.dtype,
+    device: torch.device | str,
+    callback: Callback | None,
+) -> list[CupFit]:
+    """All scans as one batch."""
     wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])
-    starts = [start_profiles(t, cup(wires.select(torch.tensor([0]))).panels, restarts) for t in targets]
-    angles = torch.as_tensor(np.concatenate([a for a, _ in starts]), dtype=dtype, device=device)
-    reaches = torch.as_tensor(np.concatenate([r for _, r in starts]), dtype=dtype, device=device)
-    repeated = torch.arange(len(targets)).repeat_interleave(restarts)
-    model = cup(wires.select(repeated).to(device=device, dtype=dtype))
-    batch = Targets.stack(targets, model.wire.scale[::restarts]).select(repeated.to(device))
-    model.start(angles, reaches / batch.scale[:, None])
-    objective = Objective(model, batch, condition, repeated.to(device))
+    objective = starting_problems(targets, wires, cup, condition, restarts, dtype, device)
+    model = objective.cup
     solution = solver.solve(objective, model.flatten().detach(), callback)
 
-    final = objective.value(solution.flat, Pressure(solution.pressure.penalty))
-    dropped = torch.tensor([code is ResultCode.DROPPED for code in solution.codes], device=device)
-    final = torch.where(final.isfinite() & ~dropped, final, torch.inf).view(-1, restarts)
-    best = final.argmin(1).cpu() + torch.arange(len(targets)) * restarts
-    winners = model.select(best.to(device))
-    flat = solution.flat[best.to(device)]
+    best = _best(objective, solution)
+    winners = model.select(best)
+    flat = solution.flat[best]
     winners.load_flat(flat)
-    seconds = (time.perf_counter() - begun) / len(targets)
     results = []
     for k, target in enumerate(targets):
         row = int(best[k])
@@ -116,11 +130,47 @@ def fit_targets(
             solution.codes[row],
             {name: value[k].tolist() for name, value in winners.split(flat).items()},
             int(solution.iterations[row]),
-            seconds,
         )
         told = solution.warnings[row] if solution.warnings else ()
         results.append(_judged(fit, one, condition, told))
     return results
+
+
+def starting_problems(
+    targets: Sequence[Target],
+    wires: Wire,
+    cup: Callable[[Wire], Cup],
+    condition: Conditions,
+    restarts: int,
+    dtype: torch.dtype = torch.float64,
+    device: torch.device | str = "cpu",
+) -> Objective:
+    """The objective of all starts of all scans, scan by scan, its cups at their starts."""
+    repeated = torch.arange(len(targets)).repeat_interleave(restarts)
+    model = cup(wires.select(repeated).to(device=device, dtype=dtype))
+    repeated = repeated.to(device)
+    batch = Targets.stack(targets, model.wire.scale[::restarts]).select(repeated)
+    curves = np.concatenate([start_curves(t, model.panels, restarts) for t in targets])
+    angles, reaches = (torch.as_tensor(v, dtype=dtype, device=device) for v in middles(curves))
+    model.start(angles, reaches / batch.scale[:, None])
+    guides = torch.as_tensor(curves, dtype=dtype, device=device) / batch.scale[:, None, None, None]
+    return Objective(model, batch, condition, repeated, guides)
+
+
+def _best(objective: Objective, solution: Solution) -> Int[Tensor, " scans"]:
+    """The start with the lowest objective of every scan, among those that were not dropped."""
+    dropped = torch.tensor([code is ResultCode.DROPPED for code in solution.codes], device=solution.flat.device)
+    left = (~dropped).nonzero()[:, 0]
+    groups = objective.groups
+    if len(left) > len(groups.unique()):
+        value = objective.select(left).value(solution.flat[left], Pressure(solution.pressure.penalty))
+        value = torch.where(value.isfinite(), value, torch.inf)
+        order = value.argsort(stable=True)
+        left = left[order][groups[left][order].argsort(stable=True)]  # by scan, the best first
+    own = groups[left]
+    first = torch.ones_like(own, dtype=torch.bool)
+    first[1:] = own[1:] != own[:-1]
+    return left[first]
 
 
 def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -> CupFit:
@@ -132,10 +182,9 @@ def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -
     far = float((np.abs(fit.distances) > FAR).mean())
     if far > FAR_SHARE:
         warnings.append(f"{far:.1%} of the points are more than {FAR:g} mm from the cup")
-    exact = cup.refined() is not None
-    if exact and not twist <= TWIST_LIMIT:
+    if cup.exact and not twist <= TWIST_LIMIT:
         faults.append(f"a ruling's normals differ by {twist:.3g} degrees, more than {TWIST_LIMIT:g}")
-    if exact and faults and fit.code is not ResultCode.DIVERGED:
+    if cup.exact and faults and fit.code is not ResultCode.DIVERGED:
         code = ResultCode.UNRESOLVED
         return replace(fit, code=code, reason=f"{code.value}: {'; '.join(faults)}", warnings=(*warnings, *faults))
     return replace(fit, warnings=(*warnings, *faults))
@@ -149,9 +198,9 @@ def _measured(cup: Cup, target: Target) -> tuple[CupShape, FlatPanel, Tensor, di
     shape = in_millimetres(shape, scale)
     flat = flat_panels(shape)
     distances = point_distances(torch.as_tensor(target.points, dtype=torch.float64), shape)
-    dense = wire.sample(torch.linspace(0, LENGTH, 2001, dtype=torch.float64))[0] * scale
+    smooth = wire.sample(wire_places(shape.stations / scale))[0] * scale
     neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
-    figures = figures_of(shape, flat, distances, neckline, dense, wire.smoothing.item())
+    figures = figures_of(shape, flat, distances, neckline, smooth, wire.smoothing.item())
     return shape, flat, distances, figures
 
 
@@ -161,14 +210,12 @@ def _finish(
     code: ResultCode,
     parameters: dict[str, list],
     iterations: int,
-    seconds: float,
 ) -> CupFit:
     shape, flat, distances, figures = _measured(cup, target)
     for _ in range(REFINEMENTS):
-        finer = cup.refined()
-        if finer is None or figures["twist_deg_max"] <= TWIST_LIMIT:
+        if not cup.exact or figures["twist_deg_max"] <= TWIST_LIMIT:
             break
-        cup = finer
+        cup = cup.refined()
         shape, flat, distances, figures = _measured(cup, target)
     return CupFit(
         name=target.name,
@@ -180,7 +227,7 @@ def _finish(
         figures=figures,
         parameters=parameters,
         iterations=iterations,
-        seconds=seconds,
+        seconds=0.0,
     )
 
 

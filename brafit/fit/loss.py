@@ -16,6 +16,12 @@ def square(squared: Tensor) -> tuple[Tensor, Tensor]:
     return squared, torch.ones_like(squared)
 
 
+def beyond(squared: Tensor, free: Tensor | float) -> tuple[Tensor, Tensor]:
+    """Quadratic in what |r| exceeds `free` by: smaller residuals cost nothing."""
+    excess = (squared.sqrt() - free).clamp_min(0)
+    return excess.square(), excess / (excess + free).clamp_min(1e-30)
+
+
 def smooth_absolute(squared: Tensor, width: Tensor | float) -> tuple[Tensor, Tensor]:
     """|r|, rounded off within `width` of zero: the unsquared distance of (31), made differentiable."""
     root = (squared + width**2).sqrt()

@@ -47,7 +47,7 @@ def figures_of(
         flat: its panels laid flat.
         distances: from `point_distances`.
         neckline: the wanted upper edge; `upper_edge_mm` is nan without it.
-        wire: the smooth wire, densely sampled.
+        wire: the smooth wire at `wire_places` of the cup's stations.
         smoothing: distance of the given wire points from it.
     """
     stations, edges = shape.stations, shape.edges
@@ -76,12 +76,17 @@ def figures_of(
         "upper_edge_mm": math.nan if neckline is None else _upper_edge(edges[-1], neckline),
         "wire_length_mm": lengths[0].item(),
         "wire_smoothing_mm": smoothing,
-        "wire_drift_mm": _distance(_between(shape), wire).max().item(),
+        "wire_drift_mm": (_between(shape) - wire).norm(dim=-1).max().item(),
         "twist_deg_max": twist.item(),
         "regularity_min": regularity(shape.tangents[:-1], shape.tangents[1:], shape.directions).min().item(),
         "isometry_mm": max(c.max().item() for c in changes),
         "seam_mismatch_mm": seams.max().item() if len(seams) else 0.0,
     }
+
+
+def wire_places(stations: Float[Tensor, " n"]) -> Float[Tensor, " 2*n-1"]:
+    """Stations, then the middles between them: where the cup's wire edge is compared with the wire."""
+    return torch.cat((stations, 0.5 * (stations[:-1] + stations[1:])))
 
 
 def _distance(points: Tensor, line: Tensor) -> Tensor:
@@ -96,7 +101,7 @@ def _upper_edge(edge: Tensor, neckline: Tensor) -> float:
 
 
 def _between(shape: CupShape) -> Tensor:
-    """The cup's wire edge at its stations and in the middle between them, as its consumers interpolate it."""
+    """The cup's wire edge at `wire_places`, as its consumers interpolate it."""
     x, v, h = shape.edges[0], shape.tangents[0], shape.stations.diff()[:, None]
     middle = 0.5 * (x[:-1] + x[1:]) + h / 8 * (v[:-1] - v[1:])
     return torch.cat((x, middle))

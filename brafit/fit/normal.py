@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from brafit.cup.base import Linearised
@@ -22,6 +22,9 @@ ROWS = 1 << 22
 _ITERATIONS = 3
 """Newton steps of the feet beside the nearest sampled ruling: the next step of the solver finds them anew."""
 
+_FOLLOWING = 1
+"""Newton steps, after the first, of feet that are followed."""
+
 
 @dataclass(frozen=True)
 class Normal:
@@ -32,6 +35,7 @@ class Normal:
         gradient, matrix: its gradient and Gauss-Newton matrix by these parameters.
         margin: smallest regularity margin.
         terms: value of every block.
+        feet: the points' feet.
     """
 
     value: Float[Tensor, " batch"]
@@ -39,12 +43,21 @@ class Normal:
     matrix: Float[Tensor, "batch columns columns"]
     margin: Float[Tensor, " batch"]
     terms: dict[str, Float[Tensor, " batch"]]
+    feet: Feet
 
-    def map(self, function: Callable[[Tensor], Tensor]) -> "Normal":
-        """With `function` applied to every tensor."""
-        terms = {k: function(v) for k, v in self.terms.items()}
-        value, gradient, matrix = function(self.value), function(self.gradient), function(self.matrix)
-        return Normal(value, gradient, matrix, function(self.margin), terms)
+    def select(self, index: Int[Tensor, " some"]) -> "Normal":
+        """The problems with these batch indices."""
+        return self._map(lambda v, _: v[index], self)
+
+    def choose(self, which: Bool[Tensor, " batch"], other: "Normal") -> "Normal":
+        """Problem by problem this one, or the other where `which` is false."""
+        return self._map(lambda a, b: torch.where(which.view(-1, *[1] * (a.dim() - 1)), a, b), other)
+
+    def _map(self, function: Callable[[Tensor, Tensor], Tensor], other: "Normal") -> "Normal":
+        terms = {k: function(v, other.terms[k]) for k, v in self.terms.items()}
+        feet = Feet(*(function(getattr(self.feet, f.name), getattr(other.feet, f.name)) for f in fields(Feet)))
+        numbers = (function(getattr(self, k), getattr(other, k)) for k in ("value", "gradient", "matrix", "margin"))
+        return Normal(*numbers, terms, feet)
 
 
 @torch.no_grad()
@@ -53,13 +66,16 @@ def normal_equations(
     flat: Float[Tensor, "batch size"],
     pressure: Pressure,
     terms: int | None = None,
+    near: Feet | None = None,
 ) -> Normal:
     """The objective at a place, by the parameters that are free with this many terms: `Cup.columns` (all by
     default).
+
+    `near`: feet at a place nearby, to be followed instead of a search.
     """
     linear = objective.cup.linearise(flat, terms)
     shape = linear.shape
-    points, gradient, matrix = _points(objective, linear)
+    points, feet, gradient, matrix = _points(objective, linear, near)
     blocks = objective.blocks(flat, shape, pressure)
     for block in blocks:
         jacobian = _jacobian(block, linear, objective)
@@ -70,15 +86,15 @@ def normal_equations(
     value = torch.stack(list(values.values())).sum(0)
     order = linear.columns.argsort()
     gradient, matrix = gradient[:, order], matrix[:, order][:, :, order]
-    return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), values)
+    return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), values, feet)
 
 
-def _points(objective: Objective, linear: Linearised) -> tuple[Block, Tensor, Tensor]:
-    """The points' block with its gradient and matrix, some points at a time."""
+def _points(objective: Objective, linear: Linearised, near: Feet | None) -> tuple[Block, Feet, Tensor, Tensor]:
+    """The points' block with their feet, its gradient and matrix, some points at a time."""
     shape, points = linear.shape, objective.targets.points
     stations, edges = shape.stations, shape.edges
     batch, count = points.shape[:2]
-    projection = project(points, edges, shape.tangents, stations, _ITERATIONS)
+    projection = project(points, edges, shape.tangents, stations, _ITERATIONS if near is None else _FOLLOWING, near)
     feet, directions, distances = projection.feet, projection.directions, projection.distances
     block = objective.points_block(distances)
     slope = slopes(block)
@@ -91,7 +107,7 @@ def _points(objective: Objective, linear: Linearised) -> tuple[Block, Tensor, Te
         jacobian = distance_jacobian(directions[:, part], own, stations, edges.shape[1], linear.table)
         gradient += _weighted(jacobian, (slope * distances)[:, part])
         matrix += gram(jacobian, slope[:, part])
-    return block, gradient, matrix
+    return block, feet, gradient, matrix
 
 
 def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[Tensor, "batch m columns"]:

@@ -6,6 +6,7 @@ multipliers.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field, fields
 from functools import partial
 
@@ -22,6 +23,8 @@ from brafit.geometry.developable import regularity
 from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
 
 Flat = Float[Tensor, "batch size"]
+GUIDING = 0.4
+"""Weight of the mean squared distance between edges and guides, each way."""
 
 
 @dataclass(frozen=True)
@@ -120,23 +123,48 @@ class Objective:
         conditions: weights and widths.
         groups: problems with the same number are starts of the same scan; by default every problem is a scan of its
             own.
+        guides: curves for all edges above the wire, evenly sampled, to draw the cups to before points are looked at.
     """
 
-    def __init__(self, cup: Cup, targets: Targets, conditions: Conditions, groups: Int[Tensor, " batch"] | None = None):
-        self.cup, self.targets, self.conditions = cup, targets, conditions
+    def __init__(
+        self,
+        cup: Cup,
+        targets: Targets,
+        conditions: Conditions,
+        groups: Int[Tensor, " batch"] | None = None,
+        guides: Float[Tensor, "batch edges m 3"] | None = None,
+    ):
+        self.cup, self.targets, self.conditions, self.guides = cup, targets, conditions, guides
         self.groups = torch.arange(cup.batch, device=targets.points.device) if groups is None else groups
+        self.guiding = False
+
+    def _with(self, **changes: object) -> "Objective":
+        """A shallow copy with some attributes changed."""
+        other = copy.copy(self)
+        for name, value in changes.items():
+            setattr(other, name, value)
+        return other
 
     def select(self, index: Tensor) -> "Objective":
         """The problems with these batch indices."""
-        return Objective(self.cup.select(index), self.targets.select(index), self.conditions, self.groups[index])
+        return self._with(
+            cup=self.cup.select(index),
+            targets=self.targets.select(index),
+            groups=self.groups[index],
+            guides=None if self.guides is None else self.guides[index],
+        )
 
     def finer(self) -> "Objective":
         """The same problems with cups on a finer grid."""
-        return Objective(self.cup.finer(), self.targets, self.conditions, self.groups)
+        return self._with(cup=self.cup.finer())
 
     def thinned(self, count: int) -> "Objective":
         """The same problems with at most `count` points each."""
-        return Objective(self.cup, self.targets.thinned(count), self.conditions, self.groups)
+        return self._with(targets=self.targets.thinned(count))
+
+    def guided(self) -> "Objective":
+        """The same problems without points, their edges drawn to the guides instead."""
+        return self._with(targets=self.targets.thinned(0), guiding=self.guides is not None)
 
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:
         """Nearest points of the targets' clouds on the cups."""
@@ -161,12 +189,12 @@ class Objective:
         c, targets = self.conditions, self.targets
         unit = targets.scale[:, None]
         blocks = []
-        if c.neckline > 0:
+        if self.guiding and self.guides is not None:
+            for i in range(1, shape.edges.shape[1]):
+                blocks += _pull_to_line(f"edge {i}", "guide", shape, i, self.guides[:, i - 1], GUIDING)
+        elif c.neckline > 0:
             has = targets.has_neckline[:, None].to(flat)
-            edge, line = gaps_to_line(shape, -1, targets.neckline), gaps_to_points(shape, -1, targets.neckline)
-            mean = station_weights(shape.stations)
-            blocks.append(_pull("edge to neckline", edge, c.neckline * has * mean))
-            blocks.append(_pull("neckline to edge", line, c.neckline * has / targets.neckline.shape[1]))
+            blocks += _pull_to_line("edge", "neckline", shape, -1, targets.neckline, c.neckline * has)
         if c.connection > 0:
             gap = gaps_to_points(shape, -1, targets.connection[:, None])
             sharpness = (unit / c.connection_width) ** 2
@@ -215,6 +243,23 @@ class Objective:
             value = torch.stack(list(values.values())).sum(0)
             (gradient,) = torch.autograd.grad(value.sum(), flat)
         return Evaluation(value.detach(), gradient, {k: v.detach() for k, v in values.items()})
+
+
+def _pull_to_line(
+    edge_name: str,
+    line_name: str,
+    shape: CupShape,
+    edge: int,
+    line: Float[Tensor, "batch k 3"],
+    weight: Tensor | float,
+) -> list[Block]:
+    """An edge drawn to a line both ways: `weight` times the mean squared distance, each way."""
+    mean = station_weights(shape.stations).expand(len(line), -1)
+    there, back = gaps_to_line(shape, edge, line), gaps_to_points(shape, edge, line)
+    return [
+        _pull(f"{edge_name} to {line_name}", there, weight * mean),
+        _pull(f"{line_name} to {edge_name}", back, weight / line.shape[1] * torch.ones_like(mean[:, :1])),
+    ]
 
 
 def _pull(name: str, gaps: Gaps, weight: Tensor, loss: Loss = square) -> Block:

@@ -1,49 +1,89 @@
-"""Where fits start: edges as arcs that reach as far from the wire's chord as the cloud does."""
+"""Where fits start: every edge of the cup as a curve drawn on the cloud, a section by a plane through the wire's chord.
+
+A cup that is first drawn to these curves starts near its best fit: from there the points lead most starts into the
+same optimum, in a fifth of the steps that plain arcs need.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
 
-from brafit.fit.targets import Target
+from brafit.fit.targets import Target, resample
 
-_SPREAD = (0.5, 0.4, 0.6, 0.33, 0.67)
+SAMPLES = 81
+"""Evenly spaced points of each curve."""
+_RIDGES = 2 / 3
+"""The ridges divide this share of the angle between wire and upper edge evenly."""
+_SPREAD = (1.0, 0.8, 1.25, 0.7, 0.9, 1.1, 1.4)
+"""Where the ridges lie in the first starts, as multiples of that."""
+_WIDTH, _WIDE = 0.12, 0.5
+"""Angle in radians over which the cloud is averaged, and where it has holes."""
+_DIRECTIONS = 31
+"""Directions in which a section is measured."""
+_CLOUD = 1000
+"""Points that are looked at."""
 
 
-def start_profiles(
-    target: Target, panels: int, count: int, seed: int = 0
-) -> tuple[Float[np.ndarray, "count panels"], Float[np.ndarray, "count panels"]]:
-    """Angles (radians) and reaches (mm) of the edges above the wire, for `count` starts of one scan.
+def start_curves(target: Target, panels: int, count: int, seed: int = 0) -> Float[np.ndarray, "count panels m 3"]:
+    """Curves for the panels' upper edges, mm, for `count` starts of one scan.
 
     Seen along the wire's chord (the y axis), the cup is a profile from the wire's bottom over the apex to the upper
-    edge. Each edge is put at an angle about the chord between those two, as far out as the cloud is there. The first
-    start spaces the edges evenly, the next ones move the ridges down and up, any further ones at random (from `seed`,
-    the same for every scan).
+    edge. Each ridge is the section of the cloud at an angle about the chord between those two. The first start puts
+    the ridges where breasts' cups usually have them, the next ones move them down and up, any further ones at random
+    (from `seed`, the same for every scan). The last curve is the neckline, or the section where the cloud ends.
     """
 
     def polar(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.arctan2(points[..., 2], points[..., 0]), np.hypot(points[..., 0], points[..., 2])
 
-    cloud_angle, cloud_reach = polar(target.points)
+    cloud = _Star(target)
     wire_angle, wire_reach = polar(target.wire)
     bottom = wire_angle[wire_reach.argmax()]
     if target.neckline is not None:
         line_angle, line_reach = polar(target.neckline)
-        top, top_reach = line_angle[line_reach.argmax()], line_reach.max()
-    elif target.strap_point is not None:
-        top, top_reach = (float(v[0]) for v in polar(target.strap_point[None]))
+        top, last = line_angle[line_reach.argmax()], target.neckline
     else:
-        top = np.quantile(cloud_angle, 0.98)
-        top_reach = np.quantile(cloud_reach[cloud_angle >= np.quantile(cloud_angle, 0.9)], 0.95)
+        end = polar(target.points)[0] if target.strap_point is None else polar(target.strap_point[None])[0]
+        top = np.quantile(end, 0.98)
+        last = cloud.section(top)
     random = np.random.default_rng(seed)
-    angles, reaches = np.empty((count, panels)), np.empty((count, panels))
+    curves = np.empty((count, panels, SAMPLES, 3))
     for k in range(count):
-        middle = _SPREAD[k] if k < len(_SPREAD) else random.uniform(0.25, 0.75)
-        share = np.arange(1, panels + 1) / panels
-        share = share + 4 * (middle - 0.5) * share * (1 - share)
-        angles[k] = bottom + share * (top - bottom)
+        spread = _SPREAD[k] if k < len(_SPREAD) else random.uniform(0.6, 1.45)
         for i in range(panels - 1):
-            near = np.abs(cloud_angle - angles[k, i]) < np.radians(10)
-            reaches[k, i] = np.quantile(cloud_reach[near], 0.95) if near.any() else wire_reach.max()
-        reaches[k, -1] = top_reach
-    return angles, reaches
+            share = _RIDGES * spread * (i + 1) / panels
+            curves[k, i] = resample(cloud.section(bottom + share * (top - bottom)), SAMPLES)
+        curves[k, -1] = resample(last, SAMPLES)
+    return curves
+
+
+def middles(curves: Float[np.ndarray, "*batch m 3"]) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
+    """Angle (radians, from +x over +z) and reach of the curves' middles about the wire's chord, for `Cup.start`."""
+    middle = curves[..., curves.shape[-2] // 2, :]
+    return np.arctan2(middle[..., 2], middle[..., 0]), np.hypot(middle[..., 0], middle[..., 2])
+
+
+class _Star:
+    """A cloud with its wire and neckline as a function of direction, seen from the middle of the wire's chord."""
+
+    def __init__(self, target: Target):
+        first, last = target.wire[0], target.wire[-1]
+        self.middle, self.half = (first + last) / 2, np.linalg.norm(last - first) / 2
+        lines = [target.wire] if target.neckline is None else [target.wire, target.neckline]
+        some = target.points[:: max(1, len(target.points) // _CLOUD)]
+        away = np.concatenate((some, *lines)) - self.middle
+        reach = np.linalg.norm(away, axis=1)
+        away, reach = away[reach > 0], reach[reach > 0]
+        self.directions, self.reach = away / reach[:, None], reach
+
+    def section(self, angle: float) -> Float[np.ndarray, "m 3"]:
+        """The curve in the half-plane at this angle about the chord, from end to end of the wire."""
+        turn = np.linspace(0, np.pi, _DIRECTIONS)
+        direction = np.stack((np.sin(turn) * np.cos(angle), -np.cos(turn), np.sin(turn) * np.sin(angle)), axis=1)
+        away = direction @ self.directions.T - 1
+        weight = np.exp(away / _WIDTH**2) + 1e-12 * np.exp(away / _WIDE**2)
+        reach = weight @ self.reach / weight.sum(axis=1)
+        inner = np.clip(np.minimum(turn, np.pi - turn) / 0.2, 0, 1)
+        inner = inner * inner * (3 - 2 * inner)
+        return self.middle + (self.half * (1 - inner) + inner * reach)[:, None] * direction

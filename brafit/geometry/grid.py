@@ -54,8 +54,23 @@ def chebyshev_integral(n: int) -> np.ndarray:
     return chebyshev.chebvander(chebyshev_points(n), n) @ coefficients @ chebyshev_analysis(n)
 
 
+_WIDTH = 8
+"""Samples that a sliding polynomial goes through."""
+
+
+def _sliding(x: Float[Tensor, " n"]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Derivative and integral of samples at (x - x[0]) / (x[-1] - x[0]), and the length x[-1] - x[0].
+
+    Evenly spaced points share their operators, whatever their scale.
+    """
+    points = x.detach().cpu().double().numpy()
+    length = float(points[-1] - points[0])
+    unit = ((points - points[0]) / length).round(14)
+    return *_sliding_operators(tuple(unit.tolist()), _WIDTH), length
+
+
 @lru_cache
-def _sliding(points: tuple[float, ...], width: int) -> tuple[np.ndarray, np.ndarray]:
+def _sliding_operators(points: tuple[float, ...], width: int) -> tuple[np.ndarray, np.ndarray]:
     x = np.asarray(points)
     n = len(x)
     width = min(width, n)
@@ -79,11 +94,11 @@ def _sliding(points: tuple[float, ...], width: int) -> tuple[np.ndarray, np.ndar
 
 def sliding_derivative(values: Float[Tensor, "*batch n k"], x: Float[Tensor, " n"]) -> Float[Tensor, "*batch n k"]:
     """d values / dx at the samples, by sliding polynomials through eight of them: local error of order h^7."""
-    matrix = _sliding(tuple(x.tolist()), 8)[0]
-    return torch.einsum("ij,...jk->...ik", like(matrix, values), values)
+    derivative, _, length = _sliding(x)
+    return torch.einsum("ij,...jk->...ik", like(derivative / length, values), values)
 
 
 def sliding_integral(values: Float[Tensor, "*batch n k"], x: Float[Tensor, " n"]) -> Float[Tensor, "*batch n k"]:
     """Integral of the samples from x[0] to each x, by sliding polynomials through eight of them: order h^8."""
-    matrix = _sliding(tuple(x.tolist()), 8)[1]
-    return torch.einsum("ij,...jk->...ik", like(matrix, values), values)
+    _, integral, length = _sliding(x)
+    return torch.einsum("ij,...jk->...ik", like(integral * length, values), values)

@@ -117,7 +117,7 @@ def sampled_distances(
     to them.
     """
     batch, (panels, n) = points.shape[:-2], (edges.shape[-3] - 1, edges.shape[-2])
-    p = points.reshape(-1, points.shape[-2], 3)
+    p = points.reshape(math.prod(batch), points.shape[-2], 3)
     lower = edges[..., :-1, :, :].reshape(len(p), -1, 3)
     ruling = edges[..., 1:, :, :].reshape(len(p), -1, 3) - lower
     length = ruling.norm(dim=-1).clamp_min(1e-30)
@@ -139,19 +139,38 @@ def sampled_distances(
     return nearest.reshape(*batch, panels, -1), least.reshape(*batch, panels, -1)
 
 
-def nearest_stations(points: Points, edges: Edges) -> Int[Tensor, "*batch panels points"]:
-    """Index of the nearest sampled ruling of every panel."""
-    return sampled_distances(points, edges)[0]
-
-
-def _cubics(edges: Edges, tangents: Edges, stations: Tensor) -> Float[Tensor, "*batch rows 24"]:
-    """Power-series coefficients of both edges over every interval of every panel; rows run over (panel, interval)."""
+def _cubics(
+    edges: Float[Tensor, "*batch n 3"], tangents: Float[Tensor, "*batch n 3"], stations: Tensor
+) -> Float[Tensor, "*batch intervals 4 3"]:
+    """Power-series coefficients of curves over every interval."""
     h = (stations[1:] - stations[:-1])[:, None]
     x0, x1 = edges[..., :-1, :], edges[..., 1:, :]
     v0, v1 = h * tangents[..., :-1, :], h * tangents[..., 1:, :]
     rise = x1 - x0
-    series = torch.stack((x0, v0, 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise), dim=-2).flatten(-2)
-    return torch.cat((series[..., :-1, :, :], series[..., 1:, :, :]), dim=-1).flatten(-3, -2)
+    return torch.stack((x0, v0, 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise), dim=-2)
+
+
+@dataclass(frozen=True)
+class _Tables:
+    """What `_refine` gathers for every point, problem after problem.
+
+    Attributes:
+        cubics: per (panel, interval): power series of the lower edge and of the vector along the ruling.
+        samples: per (panel, station): the ruling's lower end, the vector along it, and their derivatives.
+        steps: lengths of the intervals.
+    """
+
+    cubics: Float[Tensor, "rows 24"]
+    samples: Float[Tensor, "stations 12"]
+    steps: Float[Tensor, " intervals"]
+
+    @staticmethod
+    def of(edges: Edges, tangents: Edges, stations: Tensor) -> "_Tables":
+        series = _cubics(edges, tangents, stations)
+        cubics = torch.stack((series[:, :-1], series[:, 1:] - series[:, :-1]), dim=-2)
+        (x0, x1), (v0, v1) = ((w[:, :-1], w[:, 1:]) for w in (edges, tangents))
+        samples = torch.cat((x0, x1 - x0, v0, v1 - v0), dim=-1)
+        return _Tables(cubics.reshape(-1, 24), samples.reshape(-1, 12), stations.diff())
 
 
 @dataclass(frozen=True)
@@ -169,56 +188,74 @@ class Projection:
 
 @torch.no_grad()
 def project(
-    points: Points, edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], iterations: int = 6
+    points: Points,
+    edges: Edges,
+    tangents: Edges,
+    stations: Float[Tensor, " n"],
+    iterations: int = 6,
+    near: Feet | None = None,
 ) -> Projection:
     """The nearest point of the whole cup for every point.
 
     Beside the nearest sampled ruling of the panel that is nearest by its samples, the foot is refined by Newton's
     method with bisection as a safeguard; so it is in those other panels that could still be nearer. The number of
     iterations is fixed, so that a point's foot does not depend on what else is in the batch.
+
+    Args:
+        near: feet on a cup that differs little: they are followed instead of a search, over stations and ridges. A
+            foot that would have to leap to another part of the cup is missed.
     """
     batch, count = points.shape[:-2], points.shape[-2]
     panels, n = edges.shape[-3] - 1, edges.shape[-2]
     p, x, v = points.reshape(-1, 3), edges.reshape(-1, panels + 1, n, 3), tangents.reshape(-1, panels + 1, n, 3)
-    start, least = (w.reshape(-1, panels, count) for w in sampled_distances(points, edges))
-    best = least.argmin(1)
-    # A foot lies at most half the way to the next sampled ruling aside.
-    step = (x[:, :, 1:] - x[:, :, :-1]).square().sum(-1)
-    step = torch.maximum(torch.nn.functional.pad(step, (1, 0)), torch.nn.functional.pad(step, (0, 1)))
-    slack = 0.5 * torch.maximum(step[:, :-1], step[:, 1:]).gather(-1, start)
-    bound = (least - slack).movedim(1, -1).reshape(-1, panels)
-    start = start.movedim(1, -1).reshape(-1, panels)
-    best = best.reshape(-1)
-    tables = _cubics(x, v, stations).reshape(-1, 24), _station_table(x, v).reshape(-1, 12), n
+    tables = _Tables.of(x, v, stations)
+    problem = torch.arange(len(x), device=p.device).repeat_interleave(count) * panels
+    everything = torch.arange(len(p), device=p.device)
 
-    def refine(index: Tensor, panel: Tensor, chosen: Tensor) -> Tensor:
-        """(10, chosen): interval, tau, u, squared distance, difference vector and surface normal."""
-        problem = torch.div(index, max(1, count), rounding_mode="floor")
+    def refine(index: Tensor, panel: Tensor, interval: Tensor, tau: Tensor | None) -> Tensor:
         parts = []
         size = max(1, CHUNK // 16)
         for first in range(0, len(index), size):
             part = slice(first, first + size)
-            parts.append(
-                _refine(p[index[part]].mT, problem[part] * panels + panel[part], chosen[part], tables, iterations)
-            )
+            own, place = index[part], None if tau is None else tau[part]
+            parts.append(_refine(p[own].mT, problem[own] + panel[part], interval[part], place, tables, iterations))
         return torch.cat(parts, dim=1) if parts else p.new_zeros(10, 0)
 
-    everything = torch.arange(len(p), device=p.device)
-    found = refine(everything, best, start.gather(1, best[:, None])[:, 0])
-    panel = best.clone()
-    for other in range(panels if panels > 1 else 0):
-        index = ((best != other) & (bound[:, other] < found[3])).nonzero()[:, 0]
-        again = refine(index, torch.full_like(index, other), start[index, other])
+    if near is None:
+        start, bound = _starts(points, x, panels)
+        panel = bound.argmin(0)
+        found = refine(everything, panel, start.gather(0, panel[None])[0], None)
+        others = [
+            (other, ((panel != other) & (bound[other] < found[3])).nonzero()[:, 0])
+            for other in range(panels if panels > 1 else 0)
+        ]
+        again = [
+            (other, index, refine(index, torch.full_like(index, other), start[other, index], None))
+            for other, index in others
+        ]
+    else:
+        panel, interval, tau = near.panel.reshape(-1), near.interval.reshape(-1), near.tau.reshape(-1)
+        found = refine(everything, panel, interval, tau)
+        # A foot that came to rest on a ridge may go on beyond it.
+        again = []
+        for rim, step in ((0.0, -1), (1.0, 1)):
+            beyond = panel + step
+            index = ((found[2] == rim) & (beyond >= 0) & (beyond < panels)).nonzero()[:, 0]
+            crossed = refine(index, beyond[index], found[0, index].long(), found[1, index])
+            again.append((beyond[index], index, crossed))
+    for other, index, crossed in again:
         # On a ridge both panels are as near: the lower one takes the point, whatever the rounding.
         tie = 1e-9 * found[3, index]
-        better = torch.where(other < panel[index], again[3] <= found[3, index] + tie, again[3] < found[3, index] - tie)
+        better = torch.where(
+            other < panel[index], crossed[3] <= found[3, index] + tie, crossed[3] < found[3, index] - tie
+        )
         index = index[better]
-        found[:, index] = again[:, better]
-        panel[index] = other
+        found[:, index] = crossed[:, better]
+        panel = panel.index_put((index,), other[better] if isinstance(other, Tensor) else panel.new_tensor(other))
     interval, tau, u, squared = found[:4]
     delta, normal = found[4:7], found[7:10]
     size = squared.sqrt()
-    along = (delta * normal).sum(0)
+    along = _dot(delta, normal)
     on_surface = (along.abs() >= size * (1 - 1e-6)) | (size < 1e-12)
     sign = torch.where(along < 0, -1.0, 1.0).to(p.dtype)
     away = delta * (sign / size.clamp_min(1e-30))
@@ -228,64 +265,109 @@ def project(
     return Projection(Feet(*(w.reshape(*batch, count) for w in feet)), directions, distances)
 
 
-def _station_table(edges: Edges, tangents: Edges) -> Float[Tensor, "*batch panels n 12"]:
-    """Positions and tangents of both edges at the ends of every ruling."""
-    lower, upper = slice(None, -1), slice(1, None)
-    parts = (edges[..., lower, :, :], edges[..., upper, :, :], tangents[..., lower, :, :], tangents[..., upper, :, :])
-    return torch.cat(parts, dim=-1)
+def _starts(
+    points: Points, edges: Float[Tensor, "problems edges n 3"], panels: int
+) -> tuple[Int[Tensor, "panels all"], Float[Tensor, "panels all"]]:
+    """Nearest sampled ruling of every panel, and a squared distance below which the panel does not come."""
+    start, least = (
+        w.reshape(len(edges), panels, -1)
+        for w in sampled_distances(points, edges.reshape(*points.shape[:-2], *edges.shape[1:]))
+    )
+    # A foot lies at most half the way to the next sampled ruling aside.
+    step = (edges[:, :, 1:] - edges[:, :, :-1]).square().sum(-1)
+    step = torch.maximum(torch.nn.functional.pad(step, (1, 0)), torch.nn.functional.pad(step, (0, 1)))
+    slack = 0.5 * torch.maximum(step[:, :-1], step[:, 1:]).gather(-1, start)
+    return start.movedim(1, 0).reshape(panels, -1), (least - slack).movedim(1, 0).reshape(panels, -1)
 
 
-def _ruling_foot(
-    offset: Tensor, g: Tensor, slope: Tensor, slope_change: Tensor
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """u*, p - X, X_s, and the products g.g and the unclamped u, for components-first vectors."""
-    gg = (g * g).sum(0).clamp_min(1e-30)
-    free = (offset * g).sum(0) / gg
-    u = free.clamp(0, 1)
-    delta = torch.addcmul(offset, u, g, value=-1)
-    return u, delta, torch.addcmul(slope, u, slope_change), gg, free
+def _dot(a: Float[Tensor, "3 m"], b: Float[Tensor, "3 m"]) -> Float[Tensor, " m"]:
+    """Scalar products of vectors whose components come first."""
+    return torch.addcmul(torch.addcmul(a[0] * b[0], a[1], b[1]), a[2], b[2])
+
+
+@dataclass(frozen=True)
+class _Foot:
+    """The nearest points of given rulings: u*, the difference vector, X_s, and the vectors along the rulings."""
+
+    u: Tensor
+    delta: Tensor
+    along: Tensor
+    ruling: Tensor
+    free: Tensor
+    length: Tensor
+
+    @staticmethod
+    def of(offset: Tensor, ruling: Tensor, slope: Tensor, change: Tensor) -> "_Foot":
+        """From p - x, the vector along the ruling, and the derivatives of x and of that vector."""
+        length = _dot(ruling, ruling).clamp_min(1e-30)
+        free = _dot(offset, ruling) / length
+        u = free.clamp(0, 1)
+        delta = torch.addcmul(offset, u, ruling, value=-1)
+        return _Foot(u, delta, torch.addcmul(slope, u, change), ruling, free, length)
+
+
+def _descent(p: Tensor, c: Float[Tensor, "4 2 3 m"], tau: Float[Tensor, " m"]) -> tuple[Tensor, Tensor]:
+    """First and second derivative by tau of half the squared distance to the ruling at tau."""
+    (a, g), (a1, g1), (a2, g2) = (f(c, tau) for f in (_cubic, _cubic_slope, _cubic_bend))
+    foot = _Foot.of(p - a, g, a1, g1)
+    first = -_dot(foot.delta, foot.along)
+    second = _dot(foot.along, foot.along) - _dot(foot.delta, torch.addcmul(a2, foot.u, g2))
+    mixed = _dot(foot.along, g) - _dot(foot.delta, g1)
+    return first, torch.where(foot.free == foot.u, second - mixed * mixed / foot.length, second)
 
 
 def _refine(
     p: Float[Tensor, "3 m"],
     panel: Int[Tensor, " m"],
     start: Int[Tensor, " m"],
-    tables: tuple[Tensor, Tensor, int],
+    tau: Float[Tensor, " m"] | None,
+    tables: _Tables,
     iterations: int,
 ) -> Float[Tensor, "10 m"]:
-    """Foot points in given panels beside given stations; components come first, which makes every step a contiguous
-    pass.
+    """Foot points in given panels: interval, tau, u, squared distance, difference vector and surface normal.
+
+    They are sought beside given stations; or, with `tau`, from that place in given intervals, which may first step
+    over to the next one. Components come first, which makes every step a contiguous pass.
     """
-    cubics, samples, n = tables
-    x0, x1, v0, v1 = samples.index_select(0, panel * n + start).mT.contiguous().view(4, 3, -1)
-    # The nearest station is an end of two intervals; the derivative there tells which one holds the minimum.
-    _, delta, along, _, _ = _ruling_foot(p - x0, x1 - x0, v0, v1 - v0)
-    rises = (delta * along).sum(0) < 0
-    back = ((start > 0) & rises) | (start == n - 1)
-    interval = start - back.long()
-    c = cubics.index_select(0, panel * (n - 1) + interval).mT.contiguous().view(2, 4, 3, -1)
-    base, change = c[0], c[1] - c[0]  # the ruling's lower end, and the vector along it
-    tau = back.to(p.dtype)
+    intervals = len(tables.steps)
+
+    def series(interval: Tensor) -> Float[Tensor, "4 2 3 m"]:
+        return tables.cubics.index_select(0, panel * intervals + interval).mT.contiguous().view(4, 2, 3, -1)
+
+    if tau is None:
+        x, g, v, change = tables.samples.index_select(0, panel * (intervals + 1) + start).mT.contiguous().view(4, 3, -1)
+        # The nearest station is an end of two intervals; the derivative there tells which one holds the minimum.
+        foot = _Foot.of(p - x, g, v, change)
+        back = ((start > 0) & (_dot(foot.delta, foot.along) < 0)) | (start == intervals)
+        interval = start - back.long()
+        tau = back.to(p.dtype)
+        c = series(interval)
+    else:
+        c = series(start)
+        first, second = _descent(p, c, tau)
+        tau = tau - torch.where(second > 0, first / second, torch.zeros_like(tau)).clamp(-1, 1)
+        aside = (tau > 1).long() - (tau < 0).long()
+        interval = (start + aside).clamp(0, intervals - 1)
+        moved = interval != start
+        scale = tables.steps[start] / tables.steps[interval]
+        there = torch.where(aside > 0, (tau - 1) * scale, 1 + tau * scale)
+        tau = torch.where(moved, there, tau).clamp(0, 1)
+        c = series(interval)
     low, high = torch.zeros_like(tau), torch.ones_like(tau)
     for _ in range(iterations):
-        a, g, a1, g1, a2, g2 = (f(w, tau) for f in (_cubic, _cubic_slope, _cubic_bend) for w in (base, change))
-        u, delta, along, gg, free = _ruling_foot(p - a, g, a1, g1)
-        first = -(delta * along).sum(0)
-        second = (along * along).sum(0) - (delta * torch.addcmul(a2, u, g2)).sum(0)
-        mixed = (along * g).sum(0) - (delta * g1).sum(0)
-        second = torch.where(free == u, second - mixed * mixed / gg, second)
+        first, second = _descent(p, c, tau)
         high = torch.where(first > 0, tau, high)
         low = torch.where(first < 0, tau, low)
         newton = tau - first / second
         usable = (second > 0) & (newton >= low) & (newton <= high)
         middle = torch.where(first == 0, tau, 0.5 * (low + high))
         tau = torch.where(usable, newton, middle)
-    a, g, a1, g1 = (f(w, tau) for f in (_cubic, _cubic_slope) for w in (base, change))
-    u, delta, along, _, _ = _ruling_foot(p - a, g, a1, g1)
-    normal = torch.linalg.cross(along, g, dim=0)
-    normal = normal / normal.square().sum(0).clamp_min(1e-60).sqrt()
-    scalars = torch.stack((interval.to(p.dtype), tau, u, (delta * delta).sum(0)))
-    return torch.cat((scalars, delta, normal))
+    (a, g), (a1, g1) = (f(c, tau) for f in (_cubic, _cubic_slope))
+    foot = _Foot.of(p - a, g, a1, g1)
+    normal = torch.linalg.cross(foot.along, g, dim=0)
+    normal = normal / _dot(normal, normal).clamp_min(1e-60).sqrt()
+    scalars = torch.stack((interval.to(p.dtype), tau, foot.u, _dot(foot.delta, foot.delta)))
+    return torch.cat((scalars, foot.delta, normal))
 
 
 def _cubic(c: Tensor, tau: Tensor) -> Tensor:
@@ -298,6 +380,42 @@ def _cubic_slope(c: Tensor, tau: Tensor) -> Tensor:
 
 def _cubic_bend(c: Tensor, tau: Tensor) -> Tensor:
     return torch.add(2 * c[2], c[3] * tau, alpha=6)
+
+
+@torch.no_grad()
+def nearest_on_curve(
+    points: Points,
+    curve: Float[Tensor, "*batch n 3"],
+    tangents: Float[Tensor, "*batch n 3"],
+    stations: Float[Tensor, " n"],
+    iterations: int = 5,
+) -> tuple[Int[Tensor, "*batch points"], Float[Tensor, "*batch points"]]:
+    """Interval and place in it, in [0, 1], of the nearest points of a cubic Hermite curve."""
+    batch, n = points.shape[:-2], curve.shape[-2]
+    away = torch.baddbmm(
+        dot(curve, curve).reshape(-1, 1, n),
+        points.reshape(-1, *points.shape[-2:]),
+        curve.reshape(-1, n, 3).mT,
+        alpha=-2,
+    )
+    start = away.argmin(-1).reshape(-1)
+    p, problem = points.reshape(-1, 3).mT, torch.arange(math.prod(batch), device=points.device)
+    problem = problem.repeat_interleave(points.shape[-2])
+    x, v = (w.reshape(-1, 3).index_select(0, problem * n + start).mT for w in (curve, tangents))
+    back = ((start > 0) & (_dot(p - x, v) < 0)) | (start == n - 1)
+    interval, tau = start - back.long(), back.to(p.dtype)
+    table = _cubics(curve, tangents, stations).reshape(-1, 12)
+    c = table.index_select(0, problem * (n - 1) + interval).mT.contiguous().view(4, 3, -1)
+    low, high = torch.zeros_like(tau), torch.ones_like(tau)
+    for _ in range(iterations):
+        delta, along, bend = p - _cubic(c, tau), _cubic_slope(c, tau), _cubic_bend(c, tau)
+        first, second = -_dot(delta, along), _dot(along, along) - _dot(delta, bend)
+        high = torch.where(first > 0, tau, high)
+        low = torch.where(first < 0, tau, low)
+        newton = tau - first / second
+        usable = (second > 0) & (newton >= low) & (newton <= high)
+        tau = torch.where(usable, newton, torch.where(first == 0, tau, 0.5 * (low + high)))
+    return interval.reshape(*batch, -1), tau.reshape(*batch, -1)
 
 
 def nearest_feet(

@@ -8,7 +8,7 @@ import torch
 from lunes import lune_cup, sphere_points
 
 from brafit.fit import Target
-from brafit.fit.start import start_profiles
+from brafit.fit.start import middles, start_curves
 from brafit.fit.targets import Targets, resample
 
 
@@ -45,21 +45,24 @@ def test_resample_is_even_by_arc_length_and_keeps_the_ends():
 
 
 @pytest.mark.parametrize("given", ["neckline", "strap_point", "nothing"])
-def test_starts_span_from_the_wire_to_the_upper_edge(given):
+def test_starts_are_sections_from_the_wire_to_the_upper_edge(given):
+    """On the quarter sphere every section through the wire's chord is a half circle of its radius."""
     shape = lune_cup(2)
     extra = {
         "neckline": {"neckline": shape.edges[-1].numpy()},
         "strap_point": {"strap_point": np.array([0.0, 80, 80])},
         "nothing": {},
     }[given]
-    angles, reaches = start_profiles(target(2000, **extra), 2, 7)
-    assert angles.shape == reaches.shape == (7, 2)
-    tolerance = 0.08 if given == "nothing" else 1e-6
+    curves = start_curves(target(2000, **extra), 2, 9)
+    assert curves.shape[:2] == (9, 2)
+    np.testing.assert_allclose(np.linalg.norm(curves - [0, 80, 0], axis=-1), 80, rtol=0.02)
+    np.testing.assert_allclose(curves[:, :, 0], 0, atol=0.5)
+    np.testing.assert_allclose(curves[:, :, -1] - [0, 160, 0], 0, atol=0.5)
+    angles, reaches = middles(curves)
+    tolerance = 0.08 if given == "nothing" else 0.01
     np.testing.assert_allclose(angles[:, 1], math.pi / 2, atol=tolerance)
-    np.testing.assert_allclose(reaches[:, 1], 80, rtol=0.05)
-    assert angles[0, 0] == pytest.approx(math.pi / 4, abs=tolerance)
+    np.testing.assert_allclose(reaches, 80, rtol=0.02)
+    assert angles[0, 0] == pytest.approx(math.pi / 6, abs=0.05)
     assert ((angles[:, 0] > 0.1) & (angles[:, 0] < 1.4)).all()
-    assert len(set(angles[:, 0].round(6))) == 7
-    np.testing.assert_allclose(reaches[:, 0], 80, rtol=0.05)
-    again = start_profiles(target(2000, **extra), 2, 7)
-    np.testing.assert_array_equal(again[0], angles)
+    assert len(set(angles[:, 0].round(6))) == 9
+    np.testing.assert_array_equal(start_curves(target(2000, **extra), 2, 9), curves)

@@ -19,8 +19,10 @@ from brafit.geometry.nearest import (
     distance_jacobian,
     foot_directions,
     nearest_feet,
-    nearest_stations,
+    nearest_on_curve,
+    project,
     sample_table,
+    sampled_distances,
     signed_distance,
     surface_normals,
     surface_points,
@@ -207,7 +209,7 @@ def test_memory_is_bounded_by_the_chunk(monkeypatch):
         return result
 
     monkeypatch.setattr(torch, "baddbmm", watched)
-    nearest_stations(points, shape.edges)
+    sampled_distances(points, shape.edges)
     assert 0 < largest <= 2000
 
 
@@ -238,3 +240,36 @@ def test_follows_type_and_device(dtype, device):
     ).cpu()  # beyond the rim, near the tangent plane, the sign is a matter of rounding
     assert inside.any()
     torch.testing.assert_close(own[inside], expected[inside], rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("panels", [1, 2, 3])
+def test_feet_that_are_followed_are_those_of_a_search(panels):
+    """On a cup that has moved, over stations and ridges. Where the nearest foot leaps, the one that is followed lies
+    no more than twice the movement further away.
+    """
+    cup = lune_frames(panels=panels, stations=41)
+    first, moved = (cup.shape_of(near(cup, 0.08, 3) * (1 + k)).map(lambda v: v[0].detach()) for k in (0, 4e-3))
+    points = cloud(2000, 11)
+    searched = project(points, moved.edges, moved.tangents, moved.stations, 10)
+    followed = project(points, moved.edges, moved.tangents, moved.stations, 2, near=feet_of(points, first))
+    excess = followed.distances.abs() - searched.distances.abs()
+    assert excess.min() > -1e-6
+    assert excess.max() < 2 * (moved.edges - first.edges).norm(dim=-1).max() + 1e-6
+    assert (excess < 1e-6).double().mean() > 0.95
+    before = feet_of(points, first)
+    assert (before.interval != searched.feet.interval).any()
+    if panels > 1:
+        assert (before.panel != searched.feet.panel).any()
+        assert (followed.feet.panel == searched.feet.panel).double().mean() > 0.95
+
+
+def test_nearest_on_a_curve_is_scipys():
+    shape, points = random_cup(12), cloud(40, 12)
+    for line, slopes in zip(shape.edges, shape.tangents, strict=True):
+        interval, tau = nearest_on_curve(points, line, slopes, shape.stations)
+        s = shape.stations.numpy()
+        curve = CubicHermiteSpline(s, line.numpy(), slopes.numpy())
+        own = s[interval] + tau.numpy() * np.diff(s)[interval]
+        dense = np.linspace(s[0], s[-1], 20001)
+        least = np.linalg.norm(points.numpy()[:, None] - curve(dense)[None], axis=-1).min(1)
+        np.testing.assert_allclose(np.linalg.norm(points.numpy() - curve(own), axis=-1), least, rtol=0, atol=1e-7)
