@@ -139,6 +139,8 @@ class ScanConfig:
     units: str | None = one_of("mm", "cm", "in", "m")
     wire: str | None = MISSING
     propose: bool = MISSING
+    symmetry: bool = MISSING
+    bridge: bool = MISSING
     read_seconds: float = limited(1)
     mesh_points: int = limited(1000, 20_000_000)
 

@@ -11,10 +11,11 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from tqdm import tqdm
 
@@ -159,7 +160,7 @@ def _fit(job: Job, scans: Sequence[Scan], title: str, recorder: Recorder) -> lis
             recorder.step(step)
 
         fits = fit_targets(
-            [_target(scan) for scan in scans],
+            [_bridged(scan) for scan in scans],
             job.cup,
             job.solver,
             job.condition,
@@ -168,6 +169,7 @@ def _fit(job: Job, scans: Sequence[Scan], title: str, recorder: Recorder) -> lis
             device=job.device,
             callback=callback,
         )
+    fits = [_of_data(fit, len(scan.points)) for scan, fit in zip(scans, fits, strict=True)]
     figures = {key: torch.tensor([_number(fit.figures[key]) for fit in fits]) for key in fits[0].figures}
     recorder.step(Step("result", last, last, figures))
     return fits
@@ -245,6 +247,30 @@ def _target(scan: Scan) -> Target:
     )
 
 
+def _bridged(scan: Scan) -> Target:
+    """The target of the fit: with the places that are assumed where the scan has no data."""
+    target = _target(scan)
+    if not len(scan.assumed):
+        return target
+    points = np.concatenate([scan.points, scan.assumed])
+    return replace(target, points=points, weights=point_weights(points))
+
+
+def _of_data(fit: CupFit, count: int) -> CupFit:
+    """The fit with the figures of its first points only: those that the scan has."""
+    if len(fit.distances) == count:
+        return fit
+    distances = fit.distances[:count]
+    size = np.abs(distances)
+    figures = {
+        "rms_mm": float(np.sqrt(np.mean(size**2))),
+        "mean_mm": float(size.mean()),
+        "p95_mm": float(np.quantile(size, 0.95)),
+        "max_mm": float(size.max()),
+    }
+    return replace(fit, distances=distances, figures=fit.figures | figures)
+
+
 def _side(scan: Scan) -> Side:
     return "right" if scan.side == "right" else "left"
 
@@ -270,6 +296,7 @@ def _scan_facts(scan: Scan, fit: CupFit) -> dict[str, Any]:
         "origin": asdict(scan.origin),
         "notes": list(scan.notes),
         "uncovered_share": uncovered_share(fit.shape, scan.dense),
+        "assumed_points": len(scan.assumed),
         "landmarks": _landmarks(scan),
     }
 

@@ -70,8 +70,9 @@ def rms(values: np.ndarray) -> float:
 
 def target_of(scan: Scan, *, weighted: bool = True) -> Target:
     """What the command `brafit` fits to a scan."""
-    weights = point_weights(scan.points) if weighted else None
-    return Target(scan.name, scan.points, scan.wire, scan.neckline, scan.strap_point, scan.apex, weights)
+    points = np.concatenate([scan.points, scan.assumed])
+    weights = point_weights(points) if weighted else None
+    return Target(scan.name, points, scan.wire, scan.neckline, scan.strap_point, scan.apex, weights)
 
 
 def fitted(targets: Sequence[Target], panels: int) -> list[CupFit]:

@@ -26,10 +26,11 @@ surfaces into large parts (shadows) and put small ones where nothing is."""
 
 @dataclass(frozen=True)
 class Cleaning:
-    """How many points each step took; with `used` they add up to `read`.
+    """How many points each step took; with `used` they add up to `read` and `other_side`.
 
     Attributes:
         read: points in the file (or sampled on its mesh).
+        other_side: points of the other breast that were added, mirrored.
         not_finite: coordinates NaN, infinite or absurdly large.
         elsewhere: far from the breast, not looked at.
         duplicates: repetitions of a point.
@@ -43,6 +44,7 @@ class Cleaning:
     """
 
     read: int
+    other_side: int
     not_finite: int
     elsewhere: int
     duplicates: int
@@ -123,20 +125,18 @@ def tidy(
         neighbours: the number of neighbours for that.
         dense: clouds of more points are averaged in voxels first, if they have no flag.
     """
-    read = len(points)
     flag = np.ones(len(points), dtype=bool) if inside is None else inside
-    thinned = 0
-    if inside is None and len(points) > dense:
-        points = averaged(points, dense)
-        flag, thinned = np.ones(len(points), dtype=bool), read - len(points)
     order = np.lexsort((flag, *points.T[::-1]))
     points, flag = points[order], flag[order]
     new = np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1)) if len(points) else np.zeros(0, dtype=bool)
     # Of doubles with different flags the first is the one flagged 0; the point counts as inside if one of them does.
     group = np.cumsum(new) - 1
     flag = np.bincount(group, weights=flag) > 0 if len(points) else flag
-    points, duplicates = points[new], int((~new).sum())
-    counts = {"duplicates": duplicates, "thinned": thinned}
+    points, counts = points[new], {"duplicates": int((~new).sum()), "thinned": 0}
+    if inside is None and len(points) > dense:
+        distinct = len(points)
+        points = averaged(points, dense)
+        flag, counts["thinned"] = np.ones(len(points), dtype=bool), distinct - len(points)
     if outliers is None or len(points) <= NEIGHBOURS:
         return Tidy(points, flag, None, **counts)
     kept = inliers(points, neighbours, outliers)
@@ -165,12 +165,14 @@ def finish(
     count: int | None = 2000,
     not_finite: int = 0,
     elsewhere: int = 0,
+    other_side: int = 0,
 ) -> Cleaned:
     """The breast's points of a tidied cloud, thinned to `count` (see `thin`).
 
     Args:
         curve: the closed curve of wire and neckline to cut along; None: nothing but the flag decides.
         not_finite, elsewhere: points that were left out before, for the counts.
+        other_side: how many of the points were added to those that were read.
     """
     chosen = tidied.inside
     if curve is not None:
@@ -180,7 +182,8 @@ def finish(
     thinned, voxel = thin(breast, count)
     taken = tidied.duplicates + tidied.outliers + tidied.off_surface + tidied.islands + tidied.thinned
     steps = Cleaning(
-        read=len(tidied.points) + taken + not_finite + elsewhere,
+        read=len(tidied.points) + taken + not_finite + elsewhere - other_side,
+        other_side=other_side,
         not_finite=not_finite,
         elsewhere=elsewhere,
         duplicates=tidied.duplicates,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,11 @@ from brafit.scan.clean import Cleaning, Tidy, check_settings, finish, tidy
 from brafit.scan.crease import Wire
 from brafit.scan.crop import mean_normal, neckline_over
 from brafit.scan.frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end
+from brafit.scan.gaps import Gaps, gaps
 from brafit.scan.landmarks import Landmarks, landmarks_path, read_landmarks
 from brafit.scan.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud, read_cloud
-from brafit.scan.surface import surface_of
-from brafit.scan.symmetry import mirror_of
+from brafit.scan.surface import Surface, surface_of
+from brafit.scan.symmetry import apart, mirror_of
 from brafit.scan.units import MILLIMETRES, NAMES, Units, body_unit, cloud_unit, wire_unit
 from brafit.scan.wires import wire_size
 
@@ -26,10 +27,16 @@ REGION = 1.1
 """What lies farther than this many wire lengths from the middle of the wire is not looked at."""
 MIRROR_RMS = 3.0
 """Largest rms (mm) between a body and its mirror image at which marks are carried over to its other side."""
-SYMMETRIC_POINTS = 60_000
 WIRE_POINTS = 51
+DIGITS = 9
+"""Digits after the point that coordinates (mm) keep in the cup frame."""
 TORSO_SIZE = 450.0
 """Least diagonal (mm) of a torso's box."""
+ALIKE, SKETCH = 0.5, 15_000
+"""Rms (mm) within which a breast and the other one's mirror image are alike (less than scanners err), and about how
+many points of each are compared."""
+GAPS_SAID, GAPS_MOST = 0.1, 0.6
+"""Shares of the surface between wire and upper line without data from which on that is said, and refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +57,8 @@ class Scan:
         units: of the files.
         origin: where wire, neckline and landmarks come from.
         notes: what the user should know of it, a line each.
+        assumed: places on the surface that is assumed where the scan has no data, for the fit only.
+        gap_share: share of the surface between wire and upper line without data; None without an upper line.
     """
 
     name: str
@@ -66,6 +75,8 @@ class Scan:
     units: Units
     origin: Origin
     notes: tuple[str, ...] = ()
+    assumed: Float[np.ndarray, "g 3"] = field(default_factory=lambda: np.empty((0, 3)))
+    gap_share: float | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +107,8 @@ def load_scan(
     units: str | None = None,
     wire: str | None = None,
     propose: bool = False,
+    symmetry: bool = True,
+    bridge: bool = True,
     landmarks: str | Path | None = None,
     read_seconds: float = READ_SECONDS,
     mesh_points: int = MESH_POINTS,
@@ -113,6 +126,8 @@ def load_scan(
         wire: None: as the landmark file has it, detected where it has none; `detect`: always detected; a size of
             `brafit.scan.wires`: a wire of that size, placed best.
         propose: propose landmarks where there is no landmark file.
+        symmetry: take the points of both breasts of a torso for either cup, where they are mirror images within ALIKE.
+        bridge: assume a surface where there are no data (`Scan.assumed`).
         landmarks: the landmark file, if it is not beside the cloud.
         read_seconds, mesh_points: see `read_cloud`.
 
@@ -140,9 +155,18 @@ def load_scan(
     line = from_inner_end(_present(marks), marks.points.get("inner_end"), marks.path)
     _check_outer_end(line, marks)
     frame = frame_from_wire(line, marks.side, _front(cloud, marks), marks.path)
-    tidied, elsewhere = _tidied(cloud, line, frame, outliers, neighbours)
-    neckline, neckline_origin = _neckline(line, marks, frame, tidied)
     whole = cloud.inside is None and not is_one_breast(cloud.points, line)
+    region = _Region(frame.to_cup(line), outliers, neighbours) if whole else None
+    placed = _grid(frame.to_cup(cloud.points))
+    near, added = placed if region is None else region.of(placed), 0
+    elsewhere = len(cloud.points) - len(near)
+    if symmetry and region is not None and _size(cloud.points) >= TORSO_SIZE:
+        image, rms = _other_breast(cloud.points, frame, region, near)
+        if image is not None:
+            added, near = len(image), np.concatenate([near, image])
+            notes.append(f"{path.name}: the breasts are mirror images within {rms:.2f} mm: both are taken for each cup")
+    tidied = tidy(near, cloud.inside, outliers=outliers, neighbours=neighbours)
+    neckline, neckline_origin = _neckline(line, marks, frame, tidied)
     if whole and neckline is None:
         raise InputError(
             path,
@@ -150,12 +174,14 @@ def load_scan(
             f"Mark landmarks.strap_point or upper_line, or give the points a property '{FLAG}', 1 on the breast",
         )
     curve = None if neckline is None or cloud.inside is not None else _closed(frame.to_cup(line), neckline)
-    cleaned = finish(tidied, curve, count=points, not_finite=cloud.dropped, elsewhere=elsewhere)
+    cleaned = finish(tidied, curve, count=points, not_finite=cloud.dropped, elsewhere=elsewhere, other_side=added)
     if len(cleaned.points) < min(MIN_POINTS, points or MIN_POINTS):
         kept, read = len(cleaned.points), cleaned.steps.read
         cause = f"only {kept} distinct points are left of {read} after cleaning and cropping"
         remedy = "Check wire and upper line; raise scan.outliers (null keeps all points), or scan more densely"
         raise InputError(path, cause, remedy)
+    bare = None if neckline is None else gaps(cleaned.points, cleaned.dense, _closed(frame.to_cup(line), neckline))
+    notes += _gap_notes(path, bare)
     if marks_origin != "given" or wire_origin != "given":
         how = f"landmarks {marks_origin}, wire {wire_origin}"
         share = "" if guessed is None else f" ({100 * guessed:.0f} % of it guessed)"
@@ -175,6 +201,8 @@ def load_scan(
         units=said,
         origin=Origin(marks_origin, wire_origin, guessed, neckline_origin),
         notes=tuple(notes),
+        assumed=bare.places if bare is not None and bridge else np.empty((0, 3)),
+        gap_share=None if bare is None else bare.share,
     )
 
 
@@ -241,10 +269,10 @@ def _unit_notes(units: Units) -> list[str]:
 
 def _other_side(cloud: Cloud, marks: Landmarks, side: str) -> Landmarks:
     """The marks of one breast carried over to the other."""
-    if float(np.linalg.norm(np.ptp(cloud.points, axis=0))) < TORSO_SIZE:
+    if _size(cloud.points) < TORSO_SIZE:
         cause = f"side={side}: it marks the {marks.side} breast, and the cloud is no whole torso"
         raise InputError(marks.path, cause, f"Set scan.side={marks.side}, or scan.side=null for what each file marks")
-    mirror = mirror_of(cloud.points[:: max(1, len(cloud.points) // SYMMETRIC_POINTS)])
+    mirror = mirror_of(cloud.points)
     flipped = marks.mapped(mirror, side=side)
     away = float(np.median(np.linalg.norm(flipped.positions() - marks.positions(), axis=1)))
     if mirror.rms > MIRROR_RMS or away < MIRROR_RMS * 10:
@@ -281,8 +309,7 @@ def _body_and_apex(cloud: Cloud, marks: Landmarks) -> tuple[Body, np.ndarray]:
         front = apex - middle
         front = front - (front @ below) / (below @ below) * below
         return body_from_marks(np.stack([inner, outer]), below, front, marks.side), apex
-    size = float(np.linalg.norm(np.ptp(cloud.points, axis=0)))
-    if size < TORSO_SIZE:
+    if _size(cloud.points) < TORSO_SIZE:
         remedy = "Give wire, or landmarks inner_end, outer_end, apex and strap_point; or scan the whole torso"
         raise InputError(marks.path, "wire: missing, and the cloud is no torso in which to find it", remedy)
     body = body_of(cloud.points)
@@ -305,16 +332,61 @@ def _present(marks: Landmarks) -> np.ndarray:
     return marks.wire
 
 
-def _tidied(
-    cloud: Cloud, wire: np.ndarray, frame: CupFrame, outliers: float | None, neighbours: int
-) -> tuple[Tidy, int]:
-    """The tidied cloud about the breast, in the cup frame, and the number of points that lie elsewhere."""
-    points, flag = cloud.points, cloud.inside
-    if flag is None and not is_one_breast(points, wire):
-        near = np.linalg.norm(points - wire.mean(axis=0), axis=1) < REGION * polyline_length(wire)
-        points = points[near]
-    tidied = tidy(frame.to_cup(points), flag, outliers=outliers, neighbours=neighbours)
-    return tidied, len(cloud.points) - len(points)
+def _grid(points: np.ndarray) -> np.ndarray:
+    """Points rounded so far that nothing later depends on the last digits of a transformation (mm)."""
+    return np.round(points, DIGITS)
+
+
+def _size(points: np.ndarray) -> float:
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+@dataclass(frozen=True)
+class _Region:
+    """The part of a torso about a breast (cup frame), and how it is tidied."""
+
+    wire: np.ndarray
+    outliers: float | None
+    neighbours: int
+
+    def of(self, points: np.ndarray) -> np.ndarray:
+        middle, reach = self.wire.mean(axis=0), REGION * polyline_length(self.wire)
+        return points[np.linalg.norm(points - middle, axis=1) < reach]
+
+    def sketch(self, points: np.ndarray) -> Surface | None:
+        return tidy(points, None, outliers=self.outliers, neighbours=self.neighbours, dense=SKETCH).surface
+
+
+def _other_breast(
+    points: np.ndarray, frame: CupFrame, region: _Region, own: np.ndarray
+) -> tuple[np.ndarray | None, float]:
+    """The other side's points, mirrored about this breast (cup frame), if they show the same surface as its own; and
+    the rms (mm) between the two.
+    """
+    mirror = mirror_of(points)
+    image = region.of(_grid(frame.to_cup(mirror(points))))
+    if mirror.rms > MIRROR_RMS or len(image) < MIN_POINTS:
+        return None, mirror.rms
+    one, other = region.sketch(own), region.sketch(image)
+    if one is None or other is None:
+        return None, np.inf
+    about = np.linalg.norm(one.points - region.wire.mean(axis=0), axis=1) < polyline_length(region.wire) / 2
+    rms = apart(one, other, one.points[about])
+    return (image, rms) if rms < ALIKE else (None, rms)
+
+
+def _gap_notes(path: Path, bare: Gaps | None) -> list[str]:
+    """What is to be said of a scan's gaps.
+
+    Raises:
+        InputError: there is more gap than breast.
+    """
+    share = 0.0 if bare is None else bare.share
+    cause = f"{100 * share:.0f} % of the surface between wire and upper line has no points"
+    if share > GAPS_MOST:
+        remedy = "Check that the file is complete and that wire and upper line lie on this breast, or scan it again"
+        raise InputError(path, cause, remedy)
+    return [f"{path.name}: {cause}: the cup is a guess there"] if share > GAPS_SAID else []
 
 
 def _closed(wire: np.ndarray, neckline: np.ndarray) -> np.ndarray:

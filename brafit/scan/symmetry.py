@@ -8,9 +8,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from brafit.scan.surface import Surface, settle
+
 SAMPLE = 6000
 """Points that the plane is fitted with."""
 ROUNDS = 60
+COMPARED = 500
+"""Places at which two surfaces are compared."""
+PATCH = 6.0
+"""Radius (mm) over which each is averaged there, so that noise does not count."""
 
 
 @dataclass(frozen=True)
@@ -33,20 +39,20 @@ class Mirror:
         return points - 2 * (points @ self.normal - self.offset)[..., None] * self.normal
 
 
-def mirror_of(points: Float[np.ndarray, "n 3"], seed: int = 0) -> Mirror:
-    """The plane of best mirror symmetry of a torso or a body (mm).
+def mirror_of(points: Float[np.ndarray, "n 3"]) -> Mirror:
+    """The plane of best mirror symmetry of a torso or a body (mm). It goes with the body, and does not depend on the
+    order or repetition of the points.
 
     Started from the three principal axes through the middle, refined by iterated nearest points: the distances from
     the mirrored points to the planes through their nearest neighbours are made least squares over the plane's three
     degrees of freedom, without the worst fifth (an arm held differently, what only one side shows).
     """
-    random = np.random.default_rng(seed)
-    chosen = points if len(points) <= 4 * SAMPLE else points[random.choice(len(points), 4 * SAMPLE, replace=False)]
+    chosen = _along_the_body(points, 4 * SAMPLE)
     tree = KDTree(chosen)
     around = chosen[tree.query(chosen, k=min(12, len(chosen)))[1]]
     offset = around - around.mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
-    moving = chosen[random.permutation(len(chosen))[:SAMPLE]]
+    moving = _strided(chosen, SAMPLE)
     low, high = np.quantile(moving, (0.02, 0.98), axis=0)
     centre = (low + high) / 2
     axes = np.linalg.eigh(np.cov(moving.T))[1].T
@@ -54,6 +60,37 @@ def mirror_of(points: Float[np.ndarray, "n 3"], seed: int = 0) -> Mirror:
     starts = [_refine(tree, chosen, normals, moving, axis, float(axis @ centre), 8) for axis in (*axes, *np.eye(3))]
     best = min(starts, key=lambda mirror: mirror.rms)
     return _refine(tree, chosen, normals, moving, best.normal, best.offset, ROUNDS)
+
+
+def _along_the_body(points: np.ndarray, count: int) -> np.ndarray:
+    """About `count` of the distinct points, every so many along the body's own longest axis."""
+    distinct = np.unique(points, axis=0)
+    centred = distinct - np.median(distinct, axis=0)
+    along = centred @ np.linalg.eigh(np.cov(centred.T))[1][:, 2]
+    along = along * (1.0 if (along**3).sum() >= 0 else -1.0)
+    return _strided(distinct[np.argsort(along, kind="stable")], count)
+
+
+def _strided(points: np.ndarray, count: int) -> np.ndarray:
+    return points[np.arange(min(count, len(points))) * len(points) // min(count, len(points))]
+
+
+def apart(one: Surface, other: Surface, places: Float[np.ndarray, "n 3"]) -> float:
+    """Root mean square distance (mm) of two surfaces about places of the first, along its normals; where both have
+    data.
+
+    Each surface is the mean plane of its points about a place, so that noise averages out. Infinite if they share less
+    than half of the places.
+    """
+    chosen = places[:: max(1, len(places) // COMPARED)]
+    radius = max(PATCH, 3 * max(one.spacing, other.spacing))
+    mine, normal = settle(one, chosen, radius)
+    its, facing = settle(other, mine, radius)
+    near = KDTree(other.points).query(chosen)[0] < radius
+    seen = near & ((normal * facing).sum(axis=1) > 0.7)
+    if not len(chosen) or seen.mean() < 0.5:
+        return float("inf")
+    return float(np.sqrt(np.mean(((its - mine) * normal).sum(axis=1)[seen] ** 2)))
 
 
 def _refine(
