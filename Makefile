@@ -4,13 +4,14 @@ export VENV
 # Arguments for the two commands that take some: make fit ARGS="cup.terms=8", make test ARGS="-k cli".
 ARGS ?=
 
-.PHONY: help fit test slow lint check setup
+.PHONY: help fit test slow readers lint check setup
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make fit    set up what is missing, then fit the bundled scans   (ARGS=\"scans=FOLDER cup.terms=8\")"
 	@echo "make test   set up what is missing, then run the tests           (ARGS=\"-k pattern\")"
 	@echo "make slow   the tests that take longer as well"
+	@echo "make readers  what some tests read files with (GDAL, poppler, librsvg, Chromium); without it they are skipped"
 	@echo "make lint   ruff and pyright"
 	@echo "make check  lint and test, as CI does"
 
@@ -28,6 +29,9 @@ test:
 slow:
 	@scripts/setup.sh test
 	OMP_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n 2 -m "slow or not slow" $(ARGS)
+
+readers:
+	@scripts/setup.sh readers
 
 lint:
 	@scripts/setup.sh dev

@@ -140,7 +140,8 @@ class Result:
         papers = paper_panels(self.shape, self.fit.panels)
         written = self._write_patterns(folder) + self._write_meshes(folder)
         if self.options.report:
-            written += self._write_pages(folder, papers, [file.name for file in written])
+            notes = (extra or {}).get("notes", ())
+            written += self._write_pages(folder, papers, [file.name for file in written], notes)
         for name in FILES:
             if folder / name not in written:
                 (folder / name).unlink(missing_ok=True)
@@ -183,7 +184,7 @@ class Result:
                 written.append(folder / f"cup.{suffix}")
         return written
 
-    def _write_pages(self, folder: Path, papers: list, files: Sequence[str]) -> list[Path]:
+    def _write_pages(self, folder: Path, papers: list, files: Sequence[str], notes: Sequence[str]) -> list[Path]:
         from brafit.report.figures import save_figure, thumbnail_figure
         from brafit.report.page import write_report
 
@@ -200,6 +201,7 @@ class Result:
             sources=self.sources,
             files=[*files, "fit.json"],
             warnings=self.fit.warnings,
+            notes=notes,
         )
         picture = thumbnail_figure(self.target.points, self.fit.distances, self.shape, self.side)
         save_figure(picture, folder / "thumbnail.png", dpi=100)
@@ -210,7 +212,6 @@ def write_patterns(
     folder: Path, patterns: Sequence[Pattern], title: str, note: str, formats: Sequence[str]
 ) -> list[Path]:
     """Write what is asked for: patterns.svg, patterns.dxf, and as PDF patterns.pdf (tiled) and patterns_sheet.pdf.
-    asked for.
 
     Returns:
         the files.

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Set up brafit: a virtual environment, the packages at their tried versions, Open3D's system libraries.
 #
-#   scripts/setup.sh [EXTRA]    EXTRA: none (default), test or dev
+#   scripts/setup.sh [EXTRA]    EXTRA: none (default), test, dev, or readers (programs that the tests read files with)
 #
 # Run again it only looks whether something is missing, which takes a fraction of a second. System packages are
 # installed where that is allowed without asking (root, or sudo that needs no password); elsewhere the line to run is
@@ -93,11 +93,22 @@ is_installed() {
     return 1
 }
 
+# Readers that the tests compare the written files with; a test whose reader is missing is skipped and says so.
+if [ "$extra" = readers ]; then
+    missing=""
+    for pair in ogr2ogr:gdal-bin pdftoppm:poppler-utils rsvg-convert:librsvg2-bin chromium:chromium; do
+        command -v "${pair%%:*}" >/dev/null || missing="$missing ${pair##*:}"
+    done
+    # shellcheck disable=SC2086 # one word a package
+    if [ -n "$missing" ]; then system "the tests read pattern files with programs that are missing" $missing; fi
+    exit 0
+fi
+
 case $extra in
     none) target=$root; enough="none test dev" ;;
     test) target="$root[test]"; enough="test dev" ;;
     dev) target="$root[dev]"; enough="dev" ;;
-    *) stop "unknown extra '$extra': none, test or dev" ;;
+    *) stop "unknown extra '$extra': none, test, dev or readers" ;;
 esac
 
 [ -x "$venv/bin/python" ] || make_venv

@@ -65,6 +65,7 @@ def write_report(
     sources: Mapping[str, str],
     files: Sequence[str],
     warnings: Sequence[str] = (),
+    notes: Sequence[str] = (),
 ) -> None:
     """Write one scan's page: the cup in 3D, its pieces, finished dimensions, fit figures, warnings, given and guessed.
 
@@ -77,6 +78,7 @@ def write_report(
         sources: for each input what was given, or what was taken in its place.
         files: other results in the same folder, to link to.
         warnings: of the fit; those of the pattern are shown with them.
+        notes: what was found out about the scan, such as its unit.
     """
     name = str(row.get("scan", pattern.name))
     limit = distance_limit(distances)
@@ -98,6 +100,7 @@ def write_report(
         _figure_table(row),
         "<h2>Given and guessed</h2>",
         _pairs_table(sources),
+        "".join(f"<p>{_text(note)}</p>" for note in notes),
         "<h2>Files</h2><p>" + ", ".join(f'<a href="{_link(file)}">{_text(file)}</a>' for file in files) + "</p>",
         "</section></div>",
         f'<script type="application/json" id="cup-data">{data}</script>',
@@ -109,24 +112,27 @@ def write_report(
 def write_index(
     path: str | Path, rows: Sequence[Mapping[str, Any]], thumbnail: str = "thumbnail.png", report: str = "report.html"
 ) -> None:
-    """Write the page over a run: a line a scan with its picture, sortable by any figure.
+    """Write the page over a run: a line a scan with its picture and warnings, sortable by any figure.
 
     Args:
         rows: of summary.csv.
-        thumbnail, report: names of the files in each scan's folder beside this page.
+        thumbnail, report: names of the files in each scan's folder beside this page; the warnings are in its fit.json.
     """
     keys = [key for key in MEANINGS if any(row.get(key) is not None for row in rows)]
-    heads = ["cup", "scan", "status", "side", *(key.removesuffix("_mm") for key in keys)]
-    titles = ["", "", "", "", *(f"{MEANINGS[key][0]} {MEANINGS[key][1]}".strip() for key in keys)]
+    heads = ["cup", "scan", "status", "warnings", "side", *(key.removesuffix("_mm") for key in keys)]
+    about = ["", "", "", "of the fit and of the pieces; open them to read", ""]
+    titles = [*about, *(f"{MEANINGS[key][0]} {MEANINGS[key][1]}".strip() for key in keys)]
+    plain = len(about)
     head = "".join(
-        f'<th class="{"number" if i > 3 else ""}" title="{_text(title)}">{_text(words.replace("_", " "))}</th>'
+        f'<th class="{"number" if i >= plain else ""}" title="{_text(title)}">{_text(words.replace("_", " "))}</th>'
         for i, (words, title) in enumerate(zip(heads, titles, strict=True))
     )
-    lines = "\n".join(_index_line(row, keys, thumbnail, report) for row in rows)
-    good = sum(row.get("status") == "ok" for row in rows)
+    warnings = [_told(Path(path).parent / str(row["scan"])) for row in rows]
+    lines = "\n".join(_index_line(row, told, keys, thumbnail, report) for row, told in zip(rows, warnings, strict=True))
+    good, warned = sum(row.get("status") == "ok" for row in rows), sum(bool(told) for told in warnings)
     body = (
-        f"<h1>bra cups</h1><p>{good} of {len(rows)} scans ok. Lengths in mm, angles in degrees. "
-        "Click a heading to sort, a scan for its report.</p>"
+        f"<h1>bra cups</h1><p>{good} of {len(rows)} scans ok, {warned} with warnings. "
+        "Lengths in mm, angles in degrees. Click a heading to sort, a scan for its report.</p>"
         f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead>'
         f"<tbody>\n{lines}\n</tbody></table></div>"
         f"<script>{_asset('table.js')}</script>"
@@ -134,16 +140,28 @@ def write_index(
     write_text(path, _page("bra cups", body, wide=True))
 
 
-def _index_line(row: Mapping[str, Any], keys: Sequence[str], thumbnail: str, report: str) -> str:
+def _told(folder: Path) -> list[str]:
+    """The warnings in a scan's fit.json, of the fit and of the pattern."""
+    file = folder / "fit.json"
+    if not file.is_file():
+        return []
+    content = json.loads(file.read_text(encoding="utf-8"))
+    return [*content.get("warnings", []), *content.get("pattern", {}).get("warnings", [])]
+
+
+def _index_line(row: Mapping[str, Any], told: Sequence[str], keys: Sequence[str], thumbnail: str, report: str) -> str:
     name, good = str(row["scan"]), row.get("status") == "ok"
     folder = quote(name, safe="")
     picture = f'<a href="{folder}/{report}"><img src="{folder}/{thumbnail}" loading="lazy" alt=""></a>' if good else ""
     title = f'<a href="{folder}/{report}">{_text(name)}</a>' if good else _text(name)
     state = "ok" if good else f'<span class="failed">failed</span> <span class="soft">{_text(row.get("reason"))}</span>'
+    words = "".join(f"<li>{_text(line)}</li>" for line in told)
+    warned = f'<details><summary class="failed">{len(told)}</summary><ul>{words}</ul></details>' if told else "0"
     cells = [
         f'<td data-value="{_text(name)}">{picture}</td>',
         f"<td>{title}</td>",
         f'<td data-value="{"ok" if good else "failed"}">{state}</td>',
+        f'<td data-value="{len(told) if good else ""}">{warned if good else ""}</td>',
         f"<td>{_text(row.get('side') or '')}</td>",
     ]
     for key in keys:

@@ -135,6 +135,26 @@ def test_index_sorts_in_a_browser(tmp_path):
     assert dom(tmp_path / "index.html", f"({head}.click(), {head}.click(), {names})", tmp_path) == "b &amp; c|a/d|z"
 
 
+def test_index_shows_and_sorts_warnings(tmp_path):
+    made = {"a": result("a"), "b": result("b", material_width=10.0), "c": result("c")}
+    made["c"] = replace(made["c"], fit=replace(made["c"].fit, warnings=("the <fit> was not sure",)))
+    for name, one in made.items():
+        one.save(tmp_path / name)
+    write_index(tmp_path / "index.html", [one.row() for one in made.values()])
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "2 with warnings" in text
+    assert "the &lt;fit&gt; was not sure" in text
+    assert text.count("wider than the material") == len(made["b"].patterns().warnings) == 2
+    names = "Array.from(document.querySelectorAll('tbody tr'), r => r.cells[1].textContent).join('|')"
+    head = "Array.from(document.querySelectorAll('th')).find(h => h.textContent === 'warnings')"
+    assert dom(tmp_path / "index.html", f"({head}.click(), {names})", tmp_path) == "a|c|b"
+
+
+def test_report_tells_what_was_found_out_about_the_scan(tmp_path):
+    result().save(tmp_path, {"notes": ["unit found: cm & converted"]})
+    assert "unit found: cm &amp; converted" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
 def test_thumbnail_and_files_of_a_result(tmp_path):
     from PIL import Image
 
