@@ -93,7 +93,7 @@ class LMStageConfig:
 
     steps: int = limited(1)
     terms: int | None = field(default=None, metadata={"least": 1})
-    points: int | None = field(default=None, metadata={"least": 10})
+    points: int | None = field(default=None, metadata={"least": 0})
     keep: int | None = field(default=None, metadata={"least": 1})
     penalty: float = field(default=1.0, metadata={"least": 0})
     tolerance: float = field(default=1e-6, metadata={"least": 0})
