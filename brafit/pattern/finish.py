@@ -168,6 +168,12 @@ class Pattern:
         return (self.pieces, mirrored) if self.options.pair else (self.pieces,)
 
 
+def warnings_of(patterns: Sequence[Pattern]) -> list[str]:
+    """All warnings, with the patterns' names if there are several."""
+    several = len(patterns) > 1
+    return [f"{pattern.name}: {words}" if several else words for pattern in patterns for words in pattern.warnings]
+
+
 def finish(
     pieces: Sequence[Piece],
     options: PatternOptions,

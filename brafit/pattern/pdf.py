@@ -18,11 +18,11 @@ from shapely import Polygon, box
 from brafit import __version__
 from brafit.atomic import replacing
 from brafit.pattern.curve import Curve
-from brafit.pattern.finish import CutPiece, Pattern
+from brafit.pattern.finish import CutPiece, Pattern, warnings_of
 from brafit.pattern.font import drawable, face
 from brafit.pattern.options import PAPERS, PatternOptions
 from brafit.pattern.piece import Kind, Sheet, layout_columns
-from brafit.pattern.svg import LEGEND, STROKES, arrow_head
+from brafit.pattern.svg import LEGEND, STROKES, UNIT_WORDS, arrow_head
 
 MARGIN, OVERLAP, GAP, CONTROL = 10.0, 10.0, 10.0, 100.0
 """Free border of a page, overlap of neighbouring tiles, distance of pieces, side of the control square; mm."""
@@ -66,7 +66,7 @@ class Tiling:
 def write_pdf_sheet(path: str | Path, patterns: Sequence[Pattern], title: str, note: str = "") -> None:
     """Write patterns at true size as a single page that is as large as they need."""
     sheet = layout_columns([column for pattern in patterns for column in pattern.drawn], GAP)
-    warnings = [words for pattern in patterns for words in pattern.warnings]
+    warnings = warnings_of(patterns)
     foot = max(CONTROL, 50.0 + 5.0 * len(warnings))
     width = max(sheet.width, CONTROL + GAP + 90.0) + 2 * MARGIN
     height = sheet.height + GAP + foot + 16.0 + 2 * MARGIN
@@ -81,7 +81,7 @@ def write_pdf_sheet(path: str | Path, patterns: Sequence[Pattern], title: str, n
         _control_square(canvas, MARGIN, MARGIN + foot - CONTROL, patterns[0].options)
         kinds = {line.kind for piece in sheet.pieces for line in piece.sew}
         left = MARGIN + CONTROL + GAP
-        level = _legend(canvas, left, MARGIN + foot, kinds)
+        level = _legend(canvas, left, MARGIN + foot, kinds, patterns[0].options)
         _warnings(canvas, warnings, left, level - 6, width - MARGIN - left)
         canvas.showPage()
         canvas.save()
@@ -159,7 +159,7 @@ def _cover(
     _control_square(canvas, MARGIN, top - CONTROL, options)
     left = MARGIN + CONTROL + 8
     kinds = {line.kind for piece in sheet.pieces for line in piece.sew}
-    level = _legend(canvas, left, top, kinds)
+    level = _legend(canvas, left, top, kinds, options)
     for words in (
         f"Glue {len(tiling.tiles)} page{'s' * (len(tiling.tiles) > 1)} together",
         f"as the map shows; they overlap by {OVERLAP:g} mm:",
@@ -176,7 +176,7 @@ def _cover(
             level -= 5
             lengths = ", ".join(f"{line.name} {options.length(line.length)}" for line in piece.sew)
             _text(canvas, f"{pattern.name}, {piece.name}: {lengths}", MARGIN, level, 3.2, room=inner)
-    _warnings(canvas, [words for pattern in patterns for words in pattern.warnings], MARGIN, level - 7, inner)
+    _warnings(canvas, warnings_of(patterns), MARGIN, level - 7, inner)
 
 
 def _page_map(
@@ -344,9 +344,9 @@ def _control_square(canvas: Canvas, x: float, y: float, options: PatternOptions)
         _text(canvas, "1 in x 1 in", x + 5 + 12.7, y + 16.5, 3.2, centred=True)
 
 
-def _legend(canvas: Canvas, x: float, top: float, kinds: Container[str]) -> float:
+def _legend(canvas: Canvas, x: float, top: float, kinds: Container[str], options: PatternOptions) -> float:
     """Returns its lower end."""
-    _text(canvas, "units: mm, true size (1:1)", x, top - 4, 3.4, bold=True)
+    _text(canvas, UNIT_WORDS[options.units], x, top - 4, 3.4, bold=True)
     canvas.setStrokeColor("#000000")
     canvas.setLineWidth(0.3)
     level = top - 11

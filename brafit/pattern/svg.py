@@ -17,7 +17,7 @@ from numpy import ndarray
 
 from brafit.atomic import write_bytes
 from brafit.pattern.curve import Curve
-from brafit.pattern.finish import CutPiece, Pattern
+from brafit.pattern.finish import CutPiece, Pattern, warnings_of
 from brafit.pattern.label import text_width
 from brafit.pattern.piece import Kind, layout_columns
 
@@ -34,6 +34,7 @@ STROKES: dict[Kind, dict[str, str]] = {
 }
 CUT = {"stroke": "#000000", "stroke-width": "0.3"}
 FINE = {"stroke": "#000000", "stroke-width": "0.35"}
+UNIT_WORDS = {"mm": "units: mm, true size (1:1)", "inch": "lengths in inches, true size (1:1)"}
 LEGEND: dict[Kind, str] = {"wire": "wire edge", "ridge": "ridge (seam between panels)", "upper": "upper edge"}
 
 
@@ -55,7 +56,7 @@ def svg_bytes(patterns: Sequence[Pattern], title: str, note: str = "") -> bytes:
     """The file that `write_svg` writes."""
     sheet = layout_columns([column for pattern in patterns for column in pattern.drawn], GAP)
     kinds = {line.kind for piece in sheet.pieces for line in piece.sew}
-    warnings = [words for pattern in patterns for words in pattern.warnings]
+    warnings = warnings_of(patterns)
     head = 12.0 + 6.0 * bool(note)
     inner = max(sheet.width, CONTROL + GAP + 92.0)
     foot = max(CONTROL, 42.0 + 5.5 * len(warnings))
@@ -82,7 +83,8 @@ def svg_bytes(patterns: Sequence[Pattern], title: str, note: str = "") -> bytes:
         _text(info, _one_line(note), MARGIN, MARGIN + 12, 3.6, room=inner, id="note")
     top = height - MARGIN - foot
     _control_square(info, MARGIN, top)
-    _legend(info, MARGIN + CONTROL + GAP, top, kinds, len(placed), warnings, inner - CONTROL - GAP)
+    about = (UNIT_WORDS[patterns[0].options.units], f"{len(placed)} piece{'s' * (len(placed) > 1)}")
+    _legend(info, MARGIN + CONTROL + GAP, top, kinds, about, warnings, inner - CONTROL - GAP)
 
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
@@ -188,10 +190,16 @@ def _control_square(root: ET.Element, x: float, y: float) -> None:
 
 
 def _legend(
-    root: ET.Element, x: float, y: float, present: Container[str], count: int, warnings: Sequence[str], room: float
+    root: ET.Element,
+    x: float,
+    y: float,
+    present: Container[str],
+    about: tuple[str, str],
+    warnings: Sequence[str],
+    room: float,
 ) -> None:
     group = _child(root, "g", id="legend")
-    _text(group, "units: mm, true size (1:1)", x, y + 4, 3.6, weight="bold")
+    _text(group, about[0], x, y + 4, 3.6, weight="bold")
     kinds: list[Kind] = [kind for kind in LEGEND if kind in present]
     _child(group, "path", d=f"M{_number(x)},{_number(y + 11)} H{_number(x + 20)}", fill="none", **CUT)
     _text(group, "cut line", x + 23, y + 12.2, 3.6)
@@ -200,7 +208,7 @@ def _legend(
         _line(group, kind, f"M{_number(x)},{_number(level)} H{_number(x + 20)}", role="key")
         _text(group, f"sewing line: {LEGEND[kind]}", x + 23, level + 1.2, 3.6)
     y += 18 + 6 * len(kinds)
-    for row, words in enumerate(("right side of the cloth up", f"{count} piece{'s' * (count > 1)}")):
+    for row, words in enumerate(("right side of the cloth up", about[1])):
         _text(group, words, x, y + 1.2 + 5.5 * row, 3.6)
     for row, words in enumerate(warnings, start=2):
         _text(group, f"WARNING: {words}", x, y + 1.2 + 5.5 * row, 3.6, room=room, weight="bold", colour="#c00000")

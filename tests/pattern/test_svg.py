@@ -94,6 +94,12 @@ def test_warnings_stand_on_the_piece_and_below_the_title(tmp_path):
     assert sum((line.text or "").startswith("WARNING") for line in found["info"].iter(f"{SVG}text")) == 2
 
 
+def test_warnings_of_several_patterns_name_their_own(tmp_path):
+    write_svg(tmp_path / "p.svg", [pattern(name="one", material_width=10.0), pattern(name="two")], "nest")
+    told = [text.text or "" for text in layers(parse(tmp_path / "p.svg"))["info"].iter(f"{SVG}text")]
+    assert [words.split(":")[1].strip() for words in told if words.startswith("WARNING")] == ["one", "one"]
+
+
 def test_several_patterns_and_pairs_have_names_of_their_own(tmp_path):
     write_svg(tmp_path / "p.svg", [pattern(pair=True), pattern(name="other")], "x")
     names = [group.get(LABEL) for group in layers(parse(tmp_path / "p.svg"))["cut"]]
