@@ -19,6 +19,8 @@ SURPLUS, SLACK = 1.2, 1.25
 taken out of: the means of neighbouring voxels can lie close together."""
 DENSE = 60_000
 """More points than this about a breast say nothing more about it: they are averaged in voxels first."""
+LONELY = 3.0
+"""A point whose neighbours are so many times as far away as is usual is on no surface."""
 ISLAND = 0.05
 """A part that hangs together with nothing else goes if it is smaller than this share of the largest: scanners cut real
 surfaces into large parts (shadows) and put small ones where nothing is."""
@@ -140,6 +142,7 @@ def tidy(
     if outliers is None or len(points) <= NEIGHBOURS:
         return Tidy(points, flag, None, **counts)
     kept = inliers(points, neighbours, outliers)
+    kept[kept] = ~lonely(points[kept], neighbours)
     points, flag, counts["outliers"] = points[kept], flag[kept], int((~kept).sum())
     # A few rounds: what floats beside the surface also spoils the planes of its neighbours.
     counts["off_surface"] = 0
@@ -202,6 +205,15 @@ def inliers(points: Float[np.ndarray, "n 3"], neighbours: int, deviations: float
     """Mask of the points that Open3D's statistical outlier removal keeps."""
     _, mask = _cloud(points).remove_statistical_outliers(neighbours, deviations)
     return mask.numpy().astype(bool)
+
+
+def lonely(points: Float[np.ndarray, "n 3"], neighbours: int) -> Bool[np.ndarray, " n"]:
+    """Mask of points whose mean distance to their neighbours is LONELY times the median of it.
+
+    Where strays are many they spread the statistics by which `inliers` judges; the median stays that of the surface.
+    """
+    distance = np.asarray(KDTree(points).query(points, k=min(neighbours + 1, len(points)))[0])[:, 1:].mean(axis=1)
+    return distance > LONELY * np.median(distance)
 
 
 def thin(points: Float[np.ndarray, "n 3"], count: int | None) -> tuple[Float[np.ndarray, "m 3"], float]:
@@ -268,10 +280,16 @@ def averaged(points: Float[np.ndarray, "n 3"], dense: int) -> Float[np.ndarray, 
 
 
 def _edge_for(points: np.ndarray, dense: int) -> float:
-    """Voxel edge that leaves about `dense` points of a surface: from the number at a coarse edge, as areas go."""
-    coarse = float(np.linalg.norm(np.ptp(points, axis=0))) / 60
-    occupied = len(_averaged(_cloud(points), coarse))
-    return coarse * float(np.sqrt(occupied / dense))
+    """Voxel edge that leaves about `dense` points of a surface: from the number at a coarser edge, as areas go; again,
+    where strays fill the space and the number does not go with the area.
+    """
+    cloud, edge = _cloud(points), float(np.linalg.norm(np.ptp(points, axis=0))) / 60
+    for _ in range(4):
+        occupied = len(_averaged(cloud, edge))
+        edge *= float(np.sqrt(occupied / dense))
+        if occupied > dense / 2:
+            break
+    return edge
 
 
 def _averaged(cloud: Any, edge: float) -> np.ndarray:

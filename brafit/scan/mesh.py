@@ -8,12 +8,19 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
 from brafit.errors import BrafitError
 
 MESH_FORMATS = frozenset({".obj", ".stl", ".off", ".glb"})
 _PLASTIC = 1.3247179572447460
 """The plastic number p: (k/p, k/p^2) mod 1 fills the unit square most evenly (Roberts' R2 sequence)."""
+
+USED = 0.5
+"""Least share of an OBJ's vertices that its faces use."""
+LONG, LONG_SHARE, APART = 10.0, 0.03, 0.02
+"""A side of so many times the usual distance between vertices is long; largest share of faces with such sides;
+largest share of the area in such faces that share no side with another."""
 
 
 def read_mesh(path: Path, count: int) -> dict[str, np.ndarray]:
@@ -40,6 +47,8 @@ def read_mesh(path: Path, count: int) -> dict[str, np.ndarray]:
     used = vertices[np.unique(faces)]
     if not np.isfinite(used).all():
         raise ValueError("vertices of its faces are NaN or infinite")
+    if path.suffix.lower() == ".obj":
+        _check_obj(vertices, faces)
     return {"positions": sample_faces(vertices, faces, count), "faces": np.array([len(faces)])}
 
 
@@ -76,6 +85,7 @@ def _load(path: Path) -> tuple[np.ndarray, np.ndarray]:
     if path.suffix.lower() == ".off":
         _check_off(path)
     if path.suffix.lower() == ".obj":
+        _check_obj_lines(path)
         options["skip_materials"] = True
     try:
         with warnings.catch_warnings():
@@ -99,6 +109,37 @@ def _load(path: Path) -> tuple[np.ndarray, np.ndarray]:
         np.concatenate([np.empty((0, 3)), *vertices]),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *moved]),
     )
+
+
+def _check_obj(vertices: np.ndarray, faces: np.ndarray) -> None:
+    """Refuse an OBJ, which has no counts, whose faces do not go with its vertices: cut off among the faces, or with
+    lines lost or doubled, so that faces name vertices far apart.
+    """
+    used = np.unique(faces)
+    if len(used) < USED * len(vertices):
+        raise ValueError(f"its faces use {len(used)} of {len(vertices)} vertices only, as if its end were missing")
+    places, index = np.unique(vertices, axis=0, return_inverse=True)
+    corners = index.ravel()[faces]
+    shown = places[np.unique(corners)]
+    spacing = float(np.median(np.asarray(KDTree(shown).query(shown, k=2)[0])[:, 1]))
+    lengths = np.linalg.norm(places[corners] - places[np.roll(corners, 1, axis=1)], axis=2).max(axis=1)
+    sides = np.sort(np.stack([corners, np.roll(corners, 1, axis=1)], axis=-1), axis=-1).reshape(-1, 2)
+    _, side, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
+    alone = (count[side.ravel()].reshape(-1, 3) == 1).all(axis=1)
+    a, b, c = (places[corners[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    apart = area[alone & (lengths > LONG * spacing)].sum() > APART * area.sum()
+    if apart or (lengths > LONG * spacing).mean() > LONG_SHARE:
+        raise ValueError("its faces join vertices far apart, as if lines were lost or doubled")
+
+
+def _check_obj_lines(path: Path) -> None:
+    """Refuse an OBJ with a line that is too short, after which trimesh would read shifted."""
+    with path.open(errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            words = line.split()
+            if words and words[0] in ("v", "f") and len(words) < 4:
+                raise ValueError(f"line {number} is not complete")
 
 
 def _check_off(path: Path) -> None:

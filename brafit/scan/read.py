@@ -1,6 +1,6 @@
 """Reading scans: point clouds (PLY, PCD, text, NumPy) and meshes (OBJ, STL, OFF, GLB, PLY with faces).
 
-PLY is read by Open3D and meshes by trimesh, both in a process of their own with a time limit; the rest by NumPy here.
+PLY is read by Open3D, meshes by trimesh, the rest by NumPy: all in a process of its own, with a time limit.
 """
 
 from __future__ import annotations
@@ -12,11 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from brafit.errors import InputError
-from brafit.scan.arrays import read_arrays
 from brafit.scan.mesh import MESH_FORMATS
-from brafit.scan.pcd import read_pcd
 from brafit.scan.ply import ply_elements
-from brafit.scan.text import TEXT_FORMATS, read_text
+from brafit.scan.text import TEXT_FORMATS
 from brafit.scan.worker import ReaderError, read_apart
 
 MIN_POINTS = 100
@@ -69,7 +67,7 @@ def read_cloud(path: str | Path, *, seconds: float = READ_SECONDS, mesh_points: 
     """Read a scan (`FORMATS`), in float64.
 
     Args:
-        seconds: time limit of the native readers.
+        seconds: time limit of the reader.
         mesh_points: points to sample on a mesh.
 
     Raises:
@@ -133,12 +131,9 @@ def _read(path: Path, seconds: float, mesh_points: int) -> dict[str, np.ndarray]
 
 def _columns(path: Path, seconds: float, mesh_points: int) -> dict[str, np.ndarray]:
     kind = path.suffix.lower()
-    if kind in TEXT_FORMATS:
-        return read_text(path)
-    if kind == ".pcd":
-        return read_pcd(path)
-    if kind in (".npy", ".npz"):
-        return read_arrays(path)
+    own = {**dict.fromkeys(TEXT_FORMATS, "text"), ".pcd": "pcd", ".npy": "arrays", ".npz": "arrays"}
+    if kind in own:
+        return read_apart(own[kind], path, seconds)
     if kind == ".ply":
         elements = {element.name: element for element in ply_elements(path)}
         if "face" not in elements or not elements["face"].count or FLAG in elements["vertex"].properties:

@@ -13,6 +13,8 @@ from brafit.scan.surface import Surface, settle
 SAMPLE = 6000
 """Points that the plane is fitted with."""
 ROUNDS = 60
+PLAIN = 3.0
+"""Rms (mm) of a plane that needs no further looking for."""
 COMPARED = 500
 """Places at which two surfaces are compared."""
 PATCH = 6.0
@@ -53,11 +55,16 @@ def mirror_of(points: Float[np.ndarray, "n 3"]) -> Mirror:
     offset = around - around.mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
     moving = _strided(chosen, SAMPLE)
-    low, high = np.quantile(moving, (0.02, 0.98), axis=0)
-    centre = (low + high) / 2
+    centre = moving.mean(axis=0)
     axes = np.linalg.eigh(np.cov(moving.T))[1].T
-    # The frame's own axes as well: many scanners keep to the vertical.
-    starts = [_refine(tree, chosen, normals, moving, axis, float(axis @ centre), 8) for axis in (*axes, *np.eye(3))]
+
+    def tried(directions: np.ndarray) -> list[Mirror]:
+        return [_refine(tree, chosen, normals, moving, axis, float(axis @ centre), 8) for axis in directions]
+
+    starts = tried(axes)
+    if min(start.rms for start in starts) > PLAIN:
+        # The frame's own axes as well: many scanners keep to the vertical.
+        starts += tried(np.eye(3))
     best = min(starts, key=lambda mirror: mirror.rms)
     return _refine(tree, chosen, normals, moving, best.normal, best.offset, ROUNDS)
 
@@ -65,7 +72,7 @@ def mirror_of(points: Float[np.ndarray, "n 3"]) -> Mirror:
 def _along_the_body(points: np.ndarray, count: int) -> np.ndarray:
     """About `count` of the distinct points, every so many along the body's own longest axis."""
     distinct = np.unique(points, axis=0)
-    centred = distinct - np.median(distinct, axis=0)
+    centred = distinct - distinct.mean(axis=0)
     along = centred @ np.linalg.eigh(np.cov(centred.T))[1][:, 2]
     along = along * (1.0 if (along**3).sum() >= 0 else -1.0)
     return _strided(distinct[np.argsort(along, kind="stable")], count)

@@ -1,4 +1,4 @@
-"""Native readers in a process of their own: what crashes or hangs there costs one scan, not the run.
+"""Readers in a process of their own: what crashes or hangs there costs one scan, not the run.
 
 The process is started once and kept; after a crash or at the end of the time limit it is replaced. It is a plain
 `python -m brafit.scan.worker`, so callers need no `__main__` guard.
@@ -155,10 +155,13 @@ def _receive(pipe: BinaryIO | Any) -> Any:
 
 
 def _readers() -> dict[str, Callable[..., dict[str, np.ndarray]]]:
+    from brafit.scan.arrays import read_arrays
     from brafit.scan.mesh import read_mesh
+    from brafit.scan.pcd import read_pcd
     from brafit.scan.ply import read_vertices
+    from brafit.scan.text import read_text
 
-    return {"ply": read_vertices, "mesh": read_mesh}
+    return {"ply": read_vertices, "mesh": read_mesh, "text": read_text, "pcd": read_pcd, "arrays": read_arrays}
 
 
 def _limit_memory() -> None:

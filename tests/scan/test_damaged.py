@@ -35,8 +35,6 @@ def refusal(path, what):
         return str(error)
     assert np.isfinite(cloud.points).all(), what
     assert len(cloud.points) >= MIN_POINTS, what
-    if path.suffix == ".obj":  # without counts: the first faces of a file that was cut are a mesh as well
-        return None
     # The points of the fit are about the quarter sphere on the wire.
     away = np.abs(np.linalg.norm(scan.points - [0, 65, 0], axis=1) - 65)
     assert np.median(away) < 2.5, what
