@@ -248,7 +248,9 @@ def _finish(
     warnings = list(about)
     crossings = len(replace(piece, edges=_as_edges(piece, eased)).crossings())
     if crossings:
-        warnings.append(f"the outline crosses itself {crossings} times: this piece cannot be sewn")
+        warnings.append(
+            f"the outline crosses itself{f' {crossings} times' * (crossings > 1)}: this piece cannot be sewn"
+        )
     gap = max(float(np.linalg.norm(a.end - b.start)) for a, b in zip(eased, eased[1:] + eased[:1], strict=True))
     if gap > options.seam_tolerance:
         warnings.append(f"the edges miss each other by {gap:.2f} mm at an end")

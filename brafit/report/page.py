@@ -25,7 +25,7 @@ from brafit.pattern.piece import Side
 from brafit.pattern.svg import svg_bytes
 from brafit.report.colour import DIVERGING, PANELS, distance_colours, distance_limit
 from brafit.report.dimensions import Dimension
-from brafit.report.paper import PaperPanel
+from brafit.report.paper import PaperPanel, paper_gap
 
 DOTS = 6000
 """Points of a cloud that the 3D view shows at most."""
@@ -83,7 +83,7 @@ def write_report(
     name = str(row.get("scan", pattern.name))
     limit = distance_limit(distances)
     about = [str(row[key]) for key in ("side", "cup", "solver") if row.get(key)]
-    about += [f"{row['panels']} panels"] if row.get("panels") else []
+    about += [f"{len(papers)} panel{'s' * (len(papers) > 1)}"]
     data = _data(side, shape, papers, points, distances, limit)
     body = [
         f"<h1>{_text(name)}</h1>",
@@ -91,7 +91,7 @@ def write_report(
         _facts(row, dimensions),
         _warnings([*warnings, *pattern.warnings]),
         "<h2>Cup and cloud</h2>",
-        _stage(limit),
+        _stage(limit, paper_gap(shape, list(papers))),
         "<h2>Pieces</h2>",
         _picture(pattern, name),
         '<div class="columns"><section><h2>Finished dimensions</h2>',
@@ -195,7 +195,7 @@ def _warnings(warnings: Sequence[str]) -> str:
     return f'<div class="warnings"><b>Warnings</b><ul>{lines}</ul></div>'
 
 
-def _stage(limit: float) -> str:
+def _stage(limit: float, gap: float) -> str:
     colours = ", ".join(f"rgb({r},{g},{b})" for r, g, b in DIVERGING.tolist())
     views = "".join(f'<button data-view="{v}">{v}</button>' for v in ("oblique", "front", "side", "below"))
     boxes = (("show-cup", "cup", 1), ("show-cloud", "cloud", 1), ("show-rulings", "rulings", 0),
@@ -211,7 +211,8 @@ def _stage(limit: float) -> str:
         '(<span id="fold-share">cup</span>)</label></div>'
         f'<div class="scale"><div style="background:linear-gradient(to right, {colours})"></div>'
         f"<span>{-limit:g} mm (inside the cup)</span><span>0</span><span>{limit:g} mm (outside)</span></div></div>"
-        '<p class="soft">Drag to turn, wheel to zoom. Points are coloured by their distance from the cup.</p>'
+        '<p class="soft">Drag to turn, wheel to zoom. Points are coloured by their distance from the cup. '
+        f"Folded from flat facets, the paper cup comes to within {_text(_short(gap))} mm of the cup.</p>"
     )
 
 
