@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from brafit.scan import landmarks_path, load_scan
+from brafit.scan.clean import lonely
+from brafit.scan.mesh import sample_faces
+from brafit.scan.surface import surface_of
+from brafit.scan.symmetry import apart, mirror_of
+
+FRONT = np.array([0.0, 0.0, 1.0])
+
+
+def torso(left: float = 30.0, n: int = 90_000) -> np.ndarray:
+    """An ellipsoid as a trunk (x left, y up, z front) with two bumps, the left one so much high."""
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
+    body = ball.vertices * [170.0, 320.0, 110.0]
+    for sign, height in ((1, left), (-1, 30.0)):
+        away = ((body[:, 0] - 75 * sign) ** 2 + (body[:, 1] - 40) ** 2) / 45**2
+        body[:, 2] += np.where(body[:, 2] > 0, height * np.exp(-away), 0)
+    return sample_faces(body, ball.faces, n)
+
+
+def mark(points: np.ndarray, x: float, y: float) -> np.ndarray:
+    """The front surface's place there."""
+    near = points[np.hypot(points[:, 0] - x, points[:, 1] - y) < 6]
+    return near[near[:, 2].argmax()]
+
+
+def write(folder, points: np.ndarray):
+    """The torso and a landmark file of its left bump, exact copies of the surface's places."""
+    angle = np.linspace(0, np.pi, 31)
+    wire = [mark(points, 75 - 60 * np.cos(a), 40 - 60 * np.sin(a)).tolist() for a in angle]
+    marks = {"apex": mark(points, 75, 40).tolist(), "strap_point": mark(points, 80, 120).tolist()}
+    path = folder / "torso.npy"
+    np.save(path, points)
+    landmarks_path(path).write_text(json.dumps({"side": "left", "wire": wire, "landmarks": marks}))
+    return path
+
+
+def test_surfaces_that_are_a_known_distance_apart():
+    grid = np.random.default_rng(0).uniform(-50, 50, (6000, 2))
+    noise = 0.3 * np.random.default_rng(1).standard_normal(6000)
+    one = surface_of(np.column_stack([grid, noise]), FRONT)
+    other = surface_of(np.column_stack([grid[::-1], 1.5 + noise]), FRONT)
+    inner = one.points[np.abs(one.points[:, :2]).max(axis=1) < 40]
+    assert abs(apart(one, other, inner) - 1.5) < 0.1
+    assert apart(one, one, inner) < 0.01
+
+
+def test_alike_breasts_give_the_same_points_for_both_sides(tmp_path):
+    path = write(tmp_path, torso())
+    left, right = (load_scan(path, side=side) for side in ("left", "right"))
+    assert left.cleaning.other_side > 0
+    assert "mirror images within" in left.notes[0]
+    np.testing.assert_allclose(right.points, left.points, atol=1e-3)
+    np.testing.assert_allclose(right.wire, left.wire, atol=1e-9)
+    steps = left.cleaning
+    taken = steps.not_finite + steps.elsewhere + steps.duplicates + steps.outliers + steps.off_surface + steps.islands
+    assert taken + steps.outside + steps.thinned + steps.used == steps.read + steps.other_side
+
+
+def test_breasts_that_differ_keep_their_own_points(tmp_path):
+    path = write(tmp_path, torso(left=36.0))
+    scan = load_scan(path)
+    assert scan.cleaning.other_side == 0
+    assert not [note for note in scan.notes if "mirror images" in note]
+
+
+def test_points_of_both_are_taken_only_if_wanted(tmp_path):
+    assert load_scan(write(tmp_path, torso()), symmetry=False).cleaning.other_side == 0
+
+
+def test_the_plane_goes_with_the_body_and_not_with_its_points_order():
+    points = torso(n=30_000) + 0.2 * np.random.default_rng(0).standard_normal((30_000, 3))
+    q = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+    mirror, place = mirror_of(points), np.array([100.0, 50, 80])
+    moved = mirror_of(points @ q.T + [10, -400, 90])
+    np.testing.assert_allclose(moved(place @ q.T + [10, -400, 90]), mirror(place) @ q.T + [10, -400, 90], atol=1e-6)
+    twice = mirror_of(np.random.default_rng(1).permutation(np.concatenate([points, points])))
+    np.testing.assert_allclose(twice(place), mirror(place), atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.4])
+def test_strays_are_lonely_however_many(share):
+    generator = np.random.default_rng(0)
+    grid = generator.uniform(-80, 80, (6000, 2))
+    plane = np.column_stack([grid, generator.normal(0, 2.0, 6000)])
+    stray = generator.uniform(-120, 120, (round(share / (1 - share) * 6000), 3))
+    found = lonely(np.concatenate([plane, stray]), 16)
+    assert found[:6000].mean() < 0.001
+    far = np.r_[np.zeros(6000, dtype=bool), np.abs(stray[:, 2]) > 20]
+    assert found[far].mean() > 0.95
