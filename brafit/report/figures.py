@@ -40,7 +40,7 @@ INK, SOFT, FAINT = "#222222", "#666666", "#dddddd"
 
 
 def pattern_figure(pattern: Pattern, title: str) -> Figure:
-    """Finished pieces as the pattern files show them, both axes in mm at one scale, edge lengths in the pieces."""
+    """Finished pieces with their texts as the pattern files show them, both axes in mm at one scale."""
     sheet = layout(pattern.pieces, gap=10.0)
     width = 9.0
     figure = Figure(figsize=(width, 1.5 + width * 0.9 * sheet.height / sheet.width), layout="constrained")
