@@ -143,15 +143,32 @@ def _marks(scan: Scan) -> dict[str, np.ndarray]:
     return {name: point for name, point in named.items() if point is not None}
 
 
+def _origins(scan: Scan) -> dict[str, str]:
+    """Of every line and landmark: given, mirrored, proposed, detected, built."""
+    wire = scan.origin.wire
+    if scan.origin.wire_guessed is not None:
+        wire += f", {100 * scan.origin.wire_guessed:.0f} % guessed"
+    ends = scan.origin.marks if scan.origin.wire in ("given", "proposed") else scan.origin.wire
+    return {
+        "wire": wire if scan.origin.marks != "mirrored" else "mirrored",
+        "neckline": scan.origin.neckline if scan.origin.marks == "given" else scan.origin.marks,
+        "inner_end": ends,
+        "outer_end": ends,
+        **dict.fromkeys(_marks(scan), scan.origin.marks),
+    }
+
+
 def _facts(scan: Scan) -> list[str]:
     origin, steps = scan.origin, asdict(scan.cleaning)
     guessed = "" if origin.wire_guessed is None else f", {100 * origin.wire_guessed:.0f} % of it guessed"
     length = float(np.linalg.norm(np.diff(scan.wire, axis=0), axis=1).sum())
-    counts = ", ".join(f"{key} {value:.4g}" for key, value in steps.items())
+    counts = ", ".join(f"{key} {value:.10g}" for key, value in steps.items())
     return [
         f"landmarks {origin.marks}, wire {origin.wire}{guessed} ({length:.0f} mm), upper line {origin.neckline}",
         f"unit {scan.units.cloud}{f' (found from {scan.units.found})' if scan.units.found else ''}",
         f"points: {counts}",
+        *(["without points: " + f"{100 * scan.gap_share:.0f} % of the cup"] if scan.gap_share else []),
+        *scan.notes,
     ]
 
 
@@ -162,7 +179,8 @@ def _figure(scan: Scan):
     lines = {"wire": scan.wire} | ({} if scan.neckline is None else {"neckline": scan.neckline})
     marks = {"inner_end": scan.wire[0], "outer_end": scan.wire[-1], **_marks(scan)}
     title = f"{scan.name}, {scan.side} breast"
-    return inspection_figure({"rest": cloud, "cup": scan.dense}, lines, marks, title, "\n".join(_facts(scan)))
+    clouds = {"rest": cloud, "cup": scan.dense, "assumed": scan.assumed, "removed": scan.removed}
+    return inspection_figure(clouds, lines, marks, title, "\n".join(_facts(scan)), _origins(scan))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from brafit.report.page import write_index
 from brafit.report.table import format_table, write_fit_json, write_summary
 from brafit.report.tensorboard import Recorder
 from brafit.result import FILES, Result, write_patterns
-from brafit.scan import Scan, find_scans, load_scan, point_weights, scan_names, uncovered_share
+from brafit.scan import Scan, find_scans, load_scan, passed_over, point_weights, scan_names, uncovered_share
 
 Row = dict[str, Any]
 """One scan's line of summary.csv, see `brafit.report.table.SUMMARY_KEYS`."""
@@ -90,6 +90,8 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     if job.threads is not None:
         torch.set_num_threads(job.threads)
     paths = find_scans(job.scans)
+    for line in passed_over(job.scans):
+        tqdm.write(f"note: {line}", file=sys.stderr)
     scans = _by_side(list(zip(scan_names(paths), paths, strict=True)), job.scan.get("side"))
     batches = [scans[i : i + job.batch] for i in range(0, len(scans), job.batch)]
     rows: list[Row] = []

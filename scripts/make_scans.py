@@ -1,5 +1,8 @@
 """Make a data set of parametric bodies: `python scripts/make_scans.py --count 20 --out DIR`.
 
+With `--spheres` it needs no body: each scan is a quarter sphere on a half-circle wire, the paper's Case (1), of random
+radius and side, moved at random; its landmarks are exact.
+
 Bodies come from the package `anny` (the extra `bodies`: pip install 'brafit[bodies]'), whose shape data are CC0. Each
 becomes a simulated scan of the torso (`brafit.scan.scanner`), with noise, outliers, holes and shadows as asked, and a
 landmark file whose landmarks are proposed from the clean body: look at them with brafit-inspect.
@@ -8,6 +11,7 @@ landmark file whose landmarks are proposed from the clean body: look at them wit
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +19,12 @@ import numpy as np
 
 from brafit.atomic import write_bytes, write_text
 from brafit.errors import BrafitError
-from brafit.scan import landmarks_text, proposed_landmarks
+from brafit.scan import Landmarks, landmarks_path, landmarks_text, proposed_landmarks
+from brafit.scan.landmarks import SIDES
 from brafit.scan.mesh import sample_faces
 from brafit.scan.ply import cloud_ply
-from brafit.scan.scanner import Scanner, simulate
+from brafit.scan.scanner import Scanner, holes, simulate
+from brafit.scan.synthetic import quarter_sphere
 
 RANGES = {
     "age": (0.6, 0.95),
@@ -33,9 +39,12 @@ RANGES = {
 TORSO, HALF_WIDTH = (0.58, 0.88), 260.0
 """The part of the body's height, and the distance from the midline (mm), that are kept."""
 DENSE = 200_000
+RADII = (45.0, 85.0)
+"""Of the spheres, mm."""
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry of the script."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--count", type=int, default=10, help="bodies (10)")
     parser.add_argument("--out", type=Path, required=True, help="folder of the scans")
@@ -45,10 +54,18 @@ def main() -> None:
     parser.add_argument("--outliers", type=float, default=0.01, help="share of stray points (0.01)")
     parser.add_argument("--holes", type=int, default=0, help="round holes of 8 to 20 mm radius (0)")
     parser.add_argument("--high", action="store_true", help="cameras above only: shadow under the breast")
-    options = parser.parse_args()
-    model = bodies()
+    parser.add_argument("--spheres", action="store_true", help="quarter spheres instead of bodies")
+    options = parser.parse_args(arguments)
+    model = None if options.spheres else bodies()
     for k in range(options.count):
         random = np.random.default_rng((options.seed, k))
+        if options.spheres:
+            name = f"sphere_{k + 1:04d}"
+            cloud, marks, radius = sphere(options, options.out / f"{name}.ply", random)
+            write_bytes(options.out / f"{name}.ply", cloud_ply(cloud))
+            write_text(options.out / f"{name}.json", landmarks_text([marks]))
+            print(f"{options.out / name}.ply: radius {radius:.1f} mm, {marks.side}")
+            continue
         vertices, faces, parameters = torso(model, random)
         name = f"body_{k + 1:04d}"
         dense = sample_faces(vertices, faces, DENSE)
@@ -60,6 +77,29 @@ def main() -> None:
         write_text(options.out / f"{name}.json", landmarks_text(marks))
         shown = ", ".join(f"{key} {value:.2f}" for key, value in parameters.items())
         print(f"{options.out / name}.ply: {shown}")
+
+
+def sphere(options: argparse.Namespace, path: Path, random: np.random.Generator) -> tuple[np.ndarray, Landmarks, float]:
+    """A quarter sphere with the defects asked for, somewhere in space; its exact landmarks and its radius (mm)."""
+    radius = float(random.uniform(*RADII))
+    strays = round(options.outliers * options.points)
+    exact = quarter_sphere(2 * options.points, radius, random).numpy()
+    exact = exact[~holes(exact, options.holes, random)][: options.points - strays]
+    measured = exact + options.noise * random.standard_normal(exact.shape)
+    stray = random.uniform([-radius, -radius, -radius], [2 * radius, 3 * radius, 2 * radius], (strays, 3))
+    angle = np.linspace(0, np.pi, 51)
+    across, zero = 1 - np.cos(angle), 0 * angle
+    wire = radius * np.stack([np.sin(angle), across, zero], axis=1)
+    upper = radius * np.stack([zero, across, np.sin(angle)], axis=1)
+    side = SIDES[int(random.integers(2))]
+    turn = np.linalg.qr(random.standard_normal((3, 3)))[0]
+    turn[:, 0] *= np.sign(np.linalg.det(turn)) * (1.0 if side == "left" else -1.0)
+    shift = random.uniform(-300, 300, 3)
+    named = {"inner_end": wire[0], "outer_end": wire[-1], "wire_bottom": wire[25], "strap_point": upper[25]}
+    named["apex"] = radius * np.array([0.5**0.5, 1.0, 0.5**0.5])
+    marks = Landmarks(landmarks_path(path), path.stem, side, wire, upper, named, "mm")
+    cloud = random.permutation(np.concatenate([measured, stray]))
+    return cloud @ turn.T + shift, marks.mapped(lambda p: p @ turn.T + shift), radius
 
 
 def bodies() -> Any:

@@ -12,7 +12,12 @@ from numpy import ndarray
 
 SHOWN = 40_000
 """Points drawn of each kind at most."""
-_KINDS = {"rest": ("#c4c8ce", 0.4, "not of this breast"), "cup": ("#2f6db3", 1.6, "points of the cup")}
+_KINDS = {
+    "rest": ("#c4c8ce", 0.4, "not of this breast"),
+    "cup": ("#2f6db3", 1.6, "points of the cup"),
+    "assumed": ("#e5a50a", 2.0, "no points: assumed"),
+    "removed": ("#c01c8a", 3.0, "removed: on no surface"),
+}
 _LINES = {"wire": ("#d1480c", "wire"), "neckline": ("#2e7d32", "upper line")}
 
 
@@ -22,14 +27,17 @@ def inspection_figure(
     marks: Mapping[str, Float[ndarray, "3"]],
     title: str,
     facts: str,
+    origins: Mapping[str, str] | None = None,
 ) -> Figure:
     """The scan from in front, whole and near, and the breast from the outer side and from below.
 
     Args:
-        clouds: `cup` and `rest`, in the cup frame (x down, y outwards, z to the front), mm.
+        clouds: `cup` and `rest`, maybe `assumed` and `removed`, in the cup frame (x down, y outwards, z to the front),
+            mm.
         lines: `wire` and, if there is one, `neckline`, likewise.
         marks: landmarks by name, likewise.
         facts: lines of text below the pictures.
+        origins: where lines and landmarks come from, by name: written beside them.
     """
     figure = Figure(figsize=(16, 7.5), layout="constrained")
     grid = figure.add_gridspec(2, 4, height_ratios=(1, 0.14))
@@ -43,7 +51,7 @@ def inspection_figure(
         ("from below", near, (1, 2), True),
     )
     for place, (caption, shown, axes, named) in enumerate(views):
-        _view(figure.add_subplot(grid[0, place]), caption, shown, lines, marks, axes, named)
+        _view(figure.add_subplot(grid[0, place]), caption, shown, lines, marks, axes, named, origins or {})
     handles, labels = figure.axes[1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=5, frameon=False, markerscale=6)
     text = figure.add_subplot(grid[1, :])
@@ -61,21 +69,33 @@ def _view(
     marks: Mapping[str, ndarray],
     columns: tuple[int, int],
     named: bool,
+    origins: Mapping[str, str],
 ) -> None:
     i, j = columns
     for kind, (colour, size, label) in _KINDS.items():
+        if not len(clouds.get(kind, ())):
+            continue
         points = clouds[kind][:: max(1, len(clouds[kind]) // SHOWN)]
         axes.plot(points[:, i], points[:, j], ".", markersize=size, color=colour, label=label)
     for name, line in lines.items():
         colour, label = _LINES[name]
-        axes.plot(line[:, i], line[:, j], color=colour, linewidth=1.8, label=label)
+        axes.plot(line[:, i], line[:, j], color=colour, linewidth=1.8, label=_said(label, origins.get(name)))
     for name, mark in marks.items():
         axes.plot(mark[i], mark[j], "o", markersize=4, color="#111111", label="_")
         if named:
-            axes.annotate(name.replace("_", " "), (mark[i], mark[j]), xytext=(4, 4), textcoords="offset points")
+            axes.annotate(
+                _said(name.replace("_", " "), origins.get(name)),
+                (mark[i], mark[j]),
+                xytext=(4, 4),
+                textcoords="offset points",
+            )
     axes.set_aspect("equal")
     if j == 0:
         axes.invert_yaxis()
     axes.set_xlabel(f"{'xyz'[i]} / mm")
     axes.set_ylabel(f"{'xyz'[j]} / mm")
     axes.set_title(caption, fontsize=11)
+
+
+def _said(label: str, origin: str | None) -> str:
+    return label if origin is None else f"{label} ({origin})"

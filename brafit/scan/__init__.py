@@ -3,7 +3,7 @@
 from brafit.scan.body import proposed_landmarks
 from brafit.scan.clean import Cleaning, clean
 from brafit.scan.coverage import point_weights, uncovered_share
-from brafit.scan.find import find_scans, scan_names
+from brafit.scan.find import find_scans, passed_over, scan_names
 from brafit.scan.frame import CupFrame
 from brafit.scan.landmarks import Landmarks, landmarks_path, landmarks_text, read_breasts, read_landmarks
 from brafit.scan.load import Origin, Scan, load_scan
@@ -22,6 +22,7 @@ __all__ = [
     "landmarks_path",
     "landmarks_text",
     "load_scan",
+    "passed_over",
     "point_weights",
     "proposed_landmarks",
     "read_breasts",

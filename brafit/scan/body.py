@@ -22,6 +22,8 @@ from brafit.scan.symmetry import mirror_of
 
 WHOLE, COARSE, DENSE = 60_000, 6_000, 24_000
 """Points that are looked at: of the whole body, about a breast for a first look, and for good."""
+TORSO_SIZE = 450.0
+"""Least diagonal (mm) of a torso's box."""
 LEAN = np.radians(6.5)
 """The long axis of a standing trunk leans back by so much."""
 LEVEL = np.radians(6.0)
@@ -81,8 +83,12 @@ def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Lan
     upper line.
 
     Raises:
-        InputError: no breast was found.
+        InputError: it is no torso, or no breast was found.
     """
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if size < TORSO_SIZE:
+        cause = f"is {size:.0f} mm across, which is no whole torso: landmarks can be proposed on a torso only"
+        raise InputError(path, cause, f"Write {landmarks_path(path).name} by hand, or scan the whole torso")
     points = _sketch(points)
     body = _best(points)
     found = [_breast(points, body, side) for side in SIDES]

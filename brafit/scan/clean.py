@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -76,8 +76,8 @@ class Cleaned:
 
 @dataclass(frozen=True)
 class Tidy:
-    """A cloud without doubles and outliers: the points, their flags, what was taken, and the surface where it is
-    known.
+    """A cloud without doubles and outliers: the points, their flags, the surface where it is known, the counts of what
+    was taken, and the points that were taken because they lie on no surface.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -88,6 +88,7 @@ class Tidy:
     off_surface: int = 0
     islands: int = 0
     thinned: int = 0
+    removed: Float[np.ndarray, "r 3"] = field(default_factory=lambda: np.empty((0, 3)))
 
 
 def clean(
@@ -140,25 +141,28 @@ def tidy(
         points = averaged(points, dense)
         flag, counts["thinned"] = np.ones(len(points), dtype=bool), distinct - len(points)
     if outliers is None or len(points) <= NEIGHBOURS:
-        return Tidy(points, flag, None, **counts)
+        return Tidy(points, flag, None, duplicates=counts["duplicates"], thinned=counts["thinned"])
     kept = inliers(points, neighbours, outliers)
     kept[kept] = ~lonely(points[kept], neighbours)
+    removed = [points[~kept]]
     points, flag, counts["outliers"] = points[kept], flag[kept], int((~kept).sum())
     # A few rounds: what floats beside the surface also spoils the planes of its neighbours.
     counts["off_surface"] = 0
     for _ in range(3):
         off = off_surface(points)
         counts["off_surface"] += int(off.sum())
+        removed.append(points[off])
         points, flag = points[~off], flag[~off]
         if off.sum() <= len(off) // 500:
             break
     if len(points) <= NEIGHBOURS:
-        return Tidy(points, flag, None, **counts)
+        return Tidy(points, flag, None, **counts, removed=np.concatenate(removed))
     surface = surface_of(points, np.array([0.0, 0.0, 1.0]))
     part, sizes = parts(links(surface))
     kept = sizes[part] >= ISLAND * sizes[0]
     counts["islands"] = int((~kept).sum())
-    return Tidy(points[kept], flag[kept], surface.select(kept), **counts)
+    removed.append(points[~kept])
+    return Tidy(points[kept], flag[kept], surface.select(kept), **counts, removed=np.concatenate(removed))
 
 
 def finish(

@@ -46,6 +46,21 @@ def find_scans(scans: str | Path | Sequence[str | Path] = SAMPLES) -> list[Path]
     return sorted(found.values())
 
 
+def passed_over(scans: str | Path | Sequence[str | Path]) -> list[str]:
+    """A line for each folder named in which clouds have no landmark file, and what to do about it."""
+    entries = [scans] if isinstance(scans, str | Path) else list(scans)
+    lines = []
+    for folder in (Path(str(entry)).expanduser() for entry in entries):
+        if not folder.is_dir():
+            continue
+        sure = [path for path in folder.iterdir() if _is_cloud(path) and not landmarks_path(path).is_file()]
+        if sure:
+            shown = ", ".join(sorted(path.name for path in sure)[:3]) + (", ..." if len(sure) > 3 else "")
+            what = f"{len(sure)} cloud{'s' * (len(sure) > 1)} without landmark file passed over ({shown})"
+            lines.append(f"{folder}: {what}: brafit-inspect {folder} --beside proposes landmarks")
+    return lines
+
+
 def scan_names(paths: Sequence[str | Path]) -> list[str]:
     """A name for each path, no two alike (also where case is ignored).
 

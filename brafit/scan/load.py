@@ -7,9 +7,19 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import KDTree
 
 from brafit.errors import ConfigError, InputError
-from brafit.scan.body import Body, apex_of, body_from_marks, body_of, proposed_landmarks, wire_about, wire_laid
+from brafit.scan.body import (
+    TORSO_SIZE,
+    Body,
+    apex_of,
+    body_from_marks,
+    body_of,
+    proposed_landmarks,
+    wire_about,
+    wire_laid,
+)
 from brafit.scan.checks import check_scan, is_one_breast, polyline_length
 from brafit.scan.clean import Cleaning, Tidy, check_settings, finish, tidy
 from brafit.scan.crease import Wire
@@ -28,10 +38,10 @@ REGION = 1.1
 MIRROR_RMS = 3.0
 """Largest rms (mm) between a body and its mirror image at which marks are carried over to its other side."""
 WIRE_POINTS = 51
+OWN = 1.0
+"""A place nearer than this (mm) to a point stands for it, after averaging in voxels."""
 DIGITS = 9
 """Digits after the point that coordinates (mm) keep in the cup frame."""
-TORSO_SIZE = 450.0
-"""Least diagonal (mm) of a torso's box."""
 ALIKE, SKETCH = 0.5, 15_000
 """Rms (mm) within which a breast and the other one's mirror image are alike (less than scanners err), and about how
 many points of each are compared."""
@@ -58,6 +68,7 @@ class Scan:
         origin: where wire, neckline and landmarks come from.
         notes: what the user should know of it, a line each.
         assumed: places on the surface that is assumed where the scan has no data, for the fit only.
+        removed: what the cleaning took because it lies on no surface.
         gap_share: share of the surface between wire and upper line without data; None without an upper line.
     """
 
@@ -76,6 +87,7 @@ class Scan:
     origin: Origin
     notes: tuple[str, ...] = ()
     assumed: Float[np.ndarray, "g 3"] = field(default_factory=lambda: np.empty((0, 3)))
+    removed: Float[np.ndarray, "r 3"] = field(default_factory=lambda: np.empty((0, 3)))
     gap_share: float | None = None
 
 
@@ -85,9 +97,9 @@ class Origin:
 
     Attributes:
         marks: `given`, `mirrored` (from the other side) or `proposed`.
-        wire: `given`, `detected` (the crease) or `size NAME`.
+        wire: `given`, `proposed`, `detected` (the crease) or `size NAME`.
         wire_guessed: share of the wire's length that no crease in the scan shows; None for a given wire.
-        neckline: `given`, `built` (from ends and strap point) or `none`.
+        neckline: `given`, `proposed`, `built` (from ends and strap point) or `none`.
     """
 
     marks: str
@@ -147,7 +159,7 @@ def load_scan(
         raw, landmarks_path(path) if landmarks is None else Path(landmarks), side, units, propose
     )
     notes = [f"{path.name}: {note}" for note in _unit_notes(said)]
-    marks_origin = "proposed" if marks.proposed else "given"
+    marks_origin = _said(marks)
     if side is not None and marks.side != side:
         marks, marks_origin = _other_side(cloud, marks, side), "mirrored"
     check_scan(cloud, marks)
@@ -202,6 +214,7 @@ def load_scan(
         origin=Origin(marks_origin, wire_origin, guessed, neckline_origin),
         notes=tuple(notes),
         assumed=bare.places if bare is not None and bridge else np.empty((0, 3)),
+        removed=_own(tidied.removed, placed) if added else tidied.removed,
         gap_share=None if bare is None else bare.share,
     )
 
@@ -284,7 +297,7 @@ def _other_side(cloud: Cloud, marks: Landmarks, side: str) -> Landmarks:
 def _with_wire(cloud: Cloud, marks: Landmarks, wire: str | None) -> tuple[Landmarks, str, float | None]:
     """Marks that have a wire, where it comes from and the share of it that is guessed."""
     if wire is None and marks.wire is not None:
-        return marks, "proposed" if marks.proposed else "given", None
+        return marks, _said(marks), None
     body, apex = _body_and_apex(cloud, marks)
     ends = [marks.points.get(name) for name in ("inner_end", "outer_end")]
     if wire in (None, "detect"):
@@ -335,6 +348,11 @@ def _present(marks: Landmarks) -> np.ndarray:
 def _grid(points: np.ndarray) -> np.ndarray:
     """Points rounded so far that nothing later depends on the last digits of a transformation (mm)."""
     return np.round(points, DIGITS)
+
+
+def _own(removed: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Those of the removed places that stand for points of the scan itself, not of its mirror image."""
+    return removed[KDTree(points).query(removed)[0] < OWN] if len(removed) else removed
 
 
 def _size(points: np.ndarray) -> float:
@@ -419,7 +437,7 @@ def _neckline(wire: np.ndarray, marks: Landmarks, frame: CupFrame, tidied: Tidy)
             cause = f"upper_line: its ends are up to {min(gaps):.1f} mm from the ends of the wire"
             remedy = f"Let it start and end at the wire's ends (within {END_TOLERANCE:g} mm)"
             raise InputError(marks.path, cause, remedy)
-        return frame.to_cup(line if gaps[0] <= gaps[1] else line[::-1].copy()), "given"
+        return frame.to_cup(line if gaps[0] <= gaps[1] else line[::-1].copy()), _said(marks)
     strap = _mark(frame, marks, "strap_point")
     if strap is None:
         return None, "none"
@@ -428,6 +446,10 @@ def _neckline(wire: np.ndarray, marks: Landmarks, frame: CupFrame, tidied: Tidy)
     front = np.array([0.0, 0.0, 1.0]) if apex is None else mean_normal(surface, apex, 12.0)
     ends = frame.to_cup(wire[[0, -1]])
     return neckline_over(surface, ends[0], strap, ends[1], front), "built"
+
+
+def _said(marks: Landmarks) -> str:
+    return "proposed" if marks.proposed else "given"
 
 
 def _mark(frame: CupFrame, marks: Landmarks, name: str) -> np.ndarray | None:

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from brafit.inspection import main
+from brafit.samples import sample_paths
+from brafit.scan import landmarks_path, read_landmarks
+from brafit.scan.find import passed_over
+
+
+def inspect(*arguments) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def test_a_scan_gets_a_picture_and_its_landmarks_back(tmp_path, capsys):
+    sample = sample_paths()[0]
+    assert inspect(sample, "--out", tmp_path) == 0
+    line = capsys.readouterr().out.strip()
+    assert line.startswith(f"{sample.stem}: left: landmarks given, wire given (")
+    assert (tmp_path / f"{sample.stem}_left.png").read_bytes().startswith(b"\x89PNG")
+    given, written = read_landmarks(landmarks_path(sample)), read_landmarks(tmp_path / f"{sample.stem}.json")
+    assert given.wire is not None
+    assert written.wire is not None
+    np.testing.assert_allclose(written.wire, given.wire, atol=0.002)
+    np.testing.assert_allclose(written.points["apex"], given.points["apex"], atol=0.002)
+
+
+def test_a_detected_wire_is_called_so_in_line_and_file(tmp_path, capsys):
+    sample = sample_paths()[0]
+    assert inspect(sample, "--out", tmp_path, "--wire", "detect") == 0
+    assert "wire detected" in capsys.readouterr().out
+    wire = read_landmarks(tmp_path / f"{sample.stem}.json").wire
+    given = read_landmarks(landmarks_path(sample)).wire
+    assert wire is not None
+    assert given is not None
+    assert np.linalg.norm(wire[[0, -1]] - given[[0, -1]], axis=1).max() < 0.5
+    assert 0.1 < np.linalg.norm(wire[25] - given[25]) < 12
+
+
+def test_status_and_reasons(tmp_path, capsys):
+    (tmp_path / "broken.ply").write_bytes(b"ply\nformat")
+    shutil.copy(sample_paths()[0], tmp_path / "good.ply")
+    shutil.copy(landmarks_path(sample_paths()[0]), tmp_path / "good.json")
+    assert inspect(tmp_path, "--out", tmp_path / "out") == 1
+    said = capsys.readouterr()
+    assert said.err.startswith(f"failed: {tmp_path / 'broken.ply'}: ")
+    assert len(said.err.strip().splitlines()) == 1
+    assert inspect(tmp_path / "broken.ply", "--out", tmp_path / "out") == 2
+    (tmp_path / "empty").mkdir()
+    assert inspect(tmp_path / "empty", "--out", tmp_path / "out") == 2
+    assert "the folder holds no scan" in capsys.readouterr().err
+
+
+def test_a_breast_without_marks_cannot_be_proposed(tmp_path, capsys):
+    shutil.copy(sample_paths()[0], tmp_path / "alone.ply")
+    assert inspect(tmp_path / "alone.ply", "--out", tmp_path / "out", "--units", "mm") == 2
+    assert not list((tmp_path / "out").glob("*.json"))
+    line = capsys.readouterr().err.strip()
+    assert "no whole torso: landmarks can be proposed on a torso only" in line
+    assert len(line.splitlines()) == 1
+
+
+def test_the_installed_module_runs(tmp_path):
+    sample = sample_paths()[0]
+    command = [sys.executable, "-m", "brafit.inspection", str(sample), "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads((tmp_path / f"{sample.stem}.json").read_text())["side"] == "left"
+
+
+def test_clouds_without_landmarks_are_named(tmp_path):
+    sample = sample_paths()[0]
+    shutil.copy(sample, tmp_path / "a.ply")
+    shutil.copy(landmarks_path(sample), tmp_path / "a.json")
+    assert passed_over(str(tmp_path)) == []
+    shutil.copy(sample, tmp_path / "b.ply")
+    assert passed_over([str(tmp_path), "samples"]) == [
+        f"{tmp_path}: 1 cloud without landmark file passed over (b.ply): "
+        f"brafit-inspect {tmp_path} --beside proposes landmarks"
+    ]

@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brafit.errors import BrafitError
+from brafit.scan import find_scans, load_scan
+
+SCRIPT = Path(__file__).parents[2] / "scripts" / "make_scans.py"
+
+
+def make(folder: Path, *options: str) -> str:
+    command = [sys.executable, str(SCRIPT), "--out", str(folder), *options]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def test_spheres_are_spheres_with_the_defects_asked_for(tmp_path):
+    said = make(
+        tmp_path,
+        "--spheres",
+        "--count",
+        "3",
+        "--points",
+        "6000",
+        "--noise",
+        "0.5",
+        "--outliers",
+        "0.05",
+        "--holes",
+        "2",
+    )
+    scans = [load_scan(path) for path in find_scans(tmp_path)]
+    assert len(scans) == len(said.splitlines()) == 3
+    for scan, line in zip(scans, said.splitlines(), strict=True):
+        radius = float(line.split("radius ")[1].split(" ")[0])
+        assert scan.side in line
+        assert scan.cleaning.read == 6000
+        np.testing.assert_allclose(np.linalg.norm(scan.wire - [0, radius, 0], axis=1), radius, atol=0.1)
+        off = np.linalg.norm(scan.dense - [0, radius, 0], axis=1) - radius
+        assert 0.4 < np.sqrt(np.mean(np.clip(off, -2, 2) ** 2)) < 0.75
+        assert scan.dense[:, 0].min() > -3
+        assert 150 < scan.cleaning.outliers + scan.cleaning.off_surface < 500
+    assert len({scan.wire[-1, 1] for scan in scans}) == 3
+
+
+def test_the_same_seed_makes_the_same_scans(tmp_path):
+    for name in ("one", "two"):
+        make(tmp_path / name, "--spheres", "--count", "1", "--points", "500", "--seed", "4")
+    make(tmp_path / "other", "--spheres", "--count", "1", "--points", "500", "--seed", "5")
+    one, two, other = ((tmp_path / name / "sphere_0001.ply").read_bytes() for name in ("one", "two", "other"))
+    assert one == two != other
+
+
+def test_without_the_bodies_package_it_says_what_to_install(monkeypatch):
+    spec = importlib.util.spec_from_file_location("make_scans", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setitem(sys.modules, "anny", None)
+    with pytest.raises(BrafitError, match=r"pip install 'brafit\[bodies\]'"):
+        module.bodies()
