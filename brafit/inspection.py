@@ -162,7 +162,7 @@ def _facts(scan: Scan) -> list[str]:
     origin, steps = scan.origin, asdict(scan.cleaning)
     guessed = "" if origin.wire_guessed is None else f", {100 * origin.wire_guessed:.0f} % of it guessed"
     length = float(np.linalg.norm(np.diff(scan.wire, axis=0), axis=1).sum())
-    counts = ", ".join(f"{key} {value:.10g}" for key, value in steps.items())
+    counts = ", ".join(f"{key} {round(value, 2)}" for key, value in steps.items() if value is not None)
     return [
         f"landmarks {origin.marks}, wire {origin.wire}{guessed} ({length:.0f} mm), upper line {origin.neckline}",
         f"unit {scan.units.cloud}{f' (found from {scan.units.found})' if scan.units.found else ''}",

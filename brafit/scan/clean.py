@@ -12,13 +12,15 @@ from scipy.spatial import KDTree
 from brafit.errors import ConfigError
 from brafit.scan.crop import crop
 from brafit.scan.engine import open3d
-from brafit.scan.surface import NEIGHBOURS, Surface, links, off_surface, parts, surface_of
+from brafit.scan.surface import NEIGHBOURS, Surface, links, off_surface, parts, settle, surface_of
 
 SURPLUS, SLACK = 1.2, 1.25
 """Occupied voxels, over the points wanted: what is aimed at and what will do. The excess is what crowded points are
 taken out of: the means of neighbouring voxels can lie close together."""
 DENSE = 60_000
 """More points than this about a breast say nothing more about it: they are averaged in voxels first."""
+SCATTER_PLACES, SCATTER_RADIUS = 1000, 6.0
+"""Places at which noise is measured, and the radius (mm) of the plane about each."""
 LONELY = 3.0
 """A point whose neighbours are so many times as far away as is usual is on no surface."""
 ISLAND = 0.05
@@ -43,6 +45,8 @@ class Cleaning:
         thinned: merged with neighbours.
         used: points of the fit.
         voxel_mm: edge of the voxels in which points were averaged; 0 where all points are used.
+        scatter_mm: root mean square distance of the breast's points, before thinning, from the mean plane of those
+            about them: the noise that is left; None where that is not known.
     """
 
     read: int
@@ -57,6 +61,7 @@ class Cleaning:
     thinned: int
     used: int
     voxel_mm: float
+    scatter_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -201,8 +206,16 @@ def finish(
         thinned=tidied.thinned + len(breast) - len(thinned),
         used=len(thinned),
         voxel_mm=voxel,
+        scatter_mm=None if tidied.surface is None or not len(breast) else _scatter(tidied.surface, breast),
     )
     return Cleaned(thinned, breast, steps)
+
+
+def _scatter(surface: Surface, breast: np.ndarray) -> float:
+    level = places = breast[:: max(1, len(breast) // SCATTER_PLACES)]
+    for _ in range(4):  # the points nearest to a stray one share its error: step by step towards the middle
+        level, _ = settle(surface, level, max(SCATTER_RADIUS, 3 * surface.spacing))
+    return float(np.sqrt(np.mean(((places - level) ** 2).sum(axis=1))))
 
 
 def inliers(points: Float[np.ndarray, "n 3"], neighbours: int, deviations: float) -> Bool[np.ndarray, " n"]:

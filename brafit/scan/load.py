@@ -45,6 +45,10 @@ DIGITS = 9
 ALIKE, SKETCH = 0.5, 15_000
 """Rms (mm) within which a breast and the other one's mirror image are alike (less than scanners err), and about how
 many points of each are compared."""
+DOUBT = "give or take 4 mm at the apex, 10 mm at wire ends and strap point, on some bodies 30 mm"
+"""How far proposed landmarks lay off those that were given, on nine torsos: median, and largest."""
+NOISY = 1.0
+"""Scatter (mm) of the cleaned points that is said."""
 GAPS_SAID, GAPS_MOST = 0.1, 0.6
 """Shares of the surface between wire and upper line without data from which on that is said, and refused."""
 
@@ -194,10 +198,14 @@ def load_scan(
         raise InputError(path, cause, remedy)
     bare = None if neckline is None else gaps(cleaned.points, cleaned.dense, _closed(frame.to_cup(line), neckline))
     notes += _gap_notes(path, bare)
+    scatter = cleaned.steps.scatter_mm
+    if scatter is not None and scatter > NOISY:
+        notes.append(f"{path.name}: its points scatter by {scatter:.1f} mm about their surface: edges are less certain")
     if marks_origin != "given" or wire_origin != "given":
         how = f"landmarks {marks_origin}, wire {wire_origin}"
         share = "" if guessed is None else f" ({100 * guessed:.0f} % of it guessed)"
-        notes.append(f"{path.name}: {how}{share}: look at them, brafit-inspect draws them")
+        doubt = f", {DOUBT}" if marks_origin == "proposed" else ""
+        notes.append(f"{path.name}: {how}{share}{doubt}: look at them, brafit-inspect draws them")
     return Scan(
         name=path.stem if name is None else name,
         path=path,

@@ -80,3 +80,14 @@ def test_the_crowded_go_first():
 def test_settings_out_of_range(setting):
     with pytest.raises(ConfigError, match=r"^scan\.(points|outliers|neighbours): "):
         clean(cup_frame_points(200), **setting)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5, 2.0])
+def test_the_noise_that_is_left_is_measured(noise):
+    generator = np.random.default_rng(0)
+    exact = cup_frame_points(6000)
+    normal = (exact - [0, RADIUS, 0]) / RADIUS
+    _, steps = clean(exact + noise * generator.standard_normal((6000, 1)) * normal)
+    assert steps.scatter_mm is not None
+    # The plane through a curved patch of 6 mm radius is off by about a tenth of a millimetre.
+    assert abs(steps.scatter_mm - noise) < 0.15 + 0.1 * noise
