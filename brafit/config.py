@@ -97,6 +97,8 @@ class LMStageConfig:
     keep: int | None = field(default=None, metadata={"least": 1})
     penalty: float = field(default=1.0, metadata={"least": 0})
     tolerance: float = field(default=1e-6, metadata={"least": 0})
+    smoothness: float = field(default=0.0, metadata={"least": 0})
+    margin_width: float = field(default=0.0, metadata={"least": 0})
 
 
 @dataclass
@@ -118,6 +120,7 @@ class ConditionConfig:
     points: str = one_of("l2", "l1", "robust")
     points_width: float = limited(0)
     neckline: float = limited(0)
+    rim: float = limited(0)
     connection: float = limited(0)
     connection_width: float = limited(0)
     ridge_apex: float = limited(0)

@@ -89,6 +89,23 @@ def gaps_to_line(shape: CupShape, edge: int, line: Float[Tensor, "batch k 3"]) -
     )
 
 
+def gaps_to_sheet(shape: CupShape, edge: int, sheet: Points, normals: Points) -> Gaps:
+    """From the nearest of a surface's points to every sample of an edge, across the surface's normal there: what is
+    left where the edge has gone beyond the surface's end.
+    """
+    points = shape.edges[:, edge]
+    with torch.no_grad():
+        # |x - p|^2 without |x|^2, which does not depend on the point
+        away = torch.baddbmm(dot(sheet, sheet)[:, None], points, sheet.mT, alpha=-2)
+        index = away.argmin(-1)[..., None].expand(-1, -1, 3)
+        feet, sliding = sheet.gather(1, index), normals.gather(1, index)
+        n = points.shape[1]
+        rows = (torch.arange(n, device=points.device) + edge % shape.edges.shape[1] * n).expand(len(points), -1)
+    offset = points - feet
+    vectors = offset - dot(offset, sliding)[..., None] * sliding
+    return Gaps(vectors, rows[..., None], torch.ones_like(points[..., :1]), sliding)
+
+
 def gaps_to_points(shape: CupShape, edge: int, points: Points) -> Gaps:
     """From given points to the nearest points of an edge, a cubic Hermite curve between its stations."""
     line, tangents, stations = shape.edges[:, edge], shape.tangents[:, edge], shape.stations

@@ -40,6 +40,8 @@ class LMStage:
         keep: starts per scan that go on after the stage.
         penalty: penalty mu of the cup's constraints, where it has any.
         tolerance: relative decrease of the objective, expected and found, at which a problem has converged.
+        smoothness, margin_width: at least these values of the conditions hold while the stage runs. Smooth cups whose
+            barrier is soft lead past poor optima.
     """
 
     steps: int
@@ -48,6 +50,8 @@ class LMStage:
     keep: int | None = None
     penalty: float = 1.0
     tolerance: float = 1e-6
+    smoothness: float = 0.0
+    margin_width: float = 0.0
 
     def __post_init__(self) -> None:
         if self.steps < 1 or not self.penalty > 0:
@@ -173,6 +177,7 @@ def staged(
     """The objective as a stage sees it, and the places that the stage begins at."""
     if stage.points is not None:
         objective = objective.thinned(stage.points) if stage.points else objective.guided()
+    objective = objective.softened(stage.smoothness, stage.margin_width)
     targets = objective.targets
     return objective, objective.cup.place_corner(place, targets.connection, targets.has_connection)
 

@@ -77,10 +77,10 @@ def normal_equations(
     shape = linear.shape
     points, feet, gradient, matrix = _points(objective, linear, near)
     blocks = objective.blocks(flat, shape, pressure)
-    for block in blocks:
-        jacobian = _jacobian(block, linear, objective)
-        slope = slopes(block)
-        gradient += _weighted(jacobian, slope * block.residual)
+    if blocks:
+        jacobian = torch.cat([_jacobian(block, linear, objective) for block in blocks], dim=1)
+        slope = torch.cat([slopes(block) for block in blocks], dim=1)
+        gradient += _weighted(jacobian, slope * torch.cat([block.residual for block in blocks], dim=1))
         matrix += gram(jacobian, slope)
     values = {block.name: block.value() for block in (points, *blocks)}
     value = torch.stack(list(values.values())).sum(0)

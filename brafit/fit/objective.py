@@ -7,7 +7,7 @@ multipliers.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 
 import torch
@@ -15,9 +15,9 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from brafit.cup.base import Cup
-from brafit.cup.condition import Gaps, gaps_to_line, gaps_to_points, shortfall, station_weights
+from brafit.cup.condition import Gaps, gaps_to_line, gaps_to_points, gaps_to_sheet, shortfall, station_weights
 from brafit.cup.shape import CupShape
-from brafit.fit.loss import Loss, fuzzy, point_loss, square
+from brafit.fit.loss import Loss, beyond, fuzzy, point_loss, square
 from brafit.fit.targets import Targets
 from brafit.geometry.developable import regularity
 from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
@@ -25,6 +25,8 @@ from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
 Flat = Float[Tensor, "batch size"]
 GUIDING = 0.4
 """Weight of the mean squared distance between edges and guides, each way."""
+RIM_SPACINGS = 2.5
+"""Spacings of the cloud's points within which the upper edge is on the cloud."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class Conditions:
         points: loss of the point distances: l2, l1 (31) or robust.
         points_width: rounding of l1 and scale of robust, mm.
         neckline: weight of the mean squared distance between upper edge and neckline, each way.
+        rim: weight of the mean squared distance by which the upper edge leaves the cloud, where no neckline is given.
         connection: k1 of the fuzzy condition (42) that draws the upper edge to the strap point.
         connection_width: 1 / sqrt(k2), mm: within it the condition is nearly free, beyond it steep.
         ridge_apex: k1 of the same condition that draws the ridge to the apex; 0 leaves the ridge free.
@@ -47,7 +50,8 @@ class Conditions:
 
     points: str = "l2"
     points_width: float = 0.5
-    neckline: float = 0.4
+    neckline: float = 0.25
+    rim: float = 0.1
     connection: float = 0.01
     connection_width: float = 20.0
     ridge_apex: float = 0.0
@@ -162,6 +166,12 @@ class Objective:
         """The same problems with at most `count` points each."""
         return self._with(targets=self.targets.thinned(count))
 
+    def softened(self, smoothness: float, margin_width: float) -> "Objective":
+        """The same problems with at least these values of the conditions."""
+        c = self.conditions
+        least = {"smoothness": smoothness, "margin_width": margin_width}
+        return self._with(conditions=replace(c, **{k: max(v, getattr(c, k)) for k, v in least.items()}))
+
     def guided(self) -> "Objective":
         """The same problems without points, their edges drawn to the guides instead."""
         return self._with(targets=self.targets.thinned(0), guiding=self.guides is not None)
@@ -195,6 +205,8 @@ class Objective:
         elif c.neckline > 0:
             has = targets.has_neckline[:, None].to(flat)
             blocks += _pull_to_line("edge", "neckline", shape, -1, targets.neckline, c.neckline * has)
+        if c.rim > 0 and targets.sheet.shape[1] > 0 and not self.guiding:
+            blocks.append(self._rim(shape))
         if c.connection > 0:
             gap = gaps_to_points(shape, -1, targets.connection[:, None])
             sharpness = (unit / c.connection_width) ** 2
@@ -216,6 +228,15 @@ class Objective:
             residual = value if shift is None else value + shift / pressure.penalty
             blocks.append(Block(name, residual, 0.5 * pressure.penalty))
         return blocks
+
+    def _rim(self, shape: CupShape) -> Block:
+        """The upper edge held on the cloud, as far as that is known: points pull a cup towards themselves, nothing
+        pulls back a cup that is too large.
+        """
+        targets = self.targets
+        gaps = gaps_to_sheet(shape, -1, targets.sheet, targets.sheet_normals)
+        weight = self.conditions.rim * (targets.spacing > 0)[:, None] * station_weights(shape.stations)
+        return _pull("edge to cloud", gaps, weight, partial(beyond, free=RIM_SPACINGS * targets.spacing[:, None]))
 
     def _ridge_gap(self, shape: CupShape) -> Gaps:
         """From the apex to the nearest ridge."""

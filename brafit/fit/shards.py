@@ -79,8 +79,9 @@ class _Together:
         waiting = [step for step, running in zip(self._last, self._running, strict=True) if running]
         if not steps or any(step is None for step in waiting):
             return
-        slowest = min((step for step in waiting if step is not None), key=lambda s: s.index, default=None)
-        if slowest is None or slowest.index <= self._told:
+        running = [step for step in waiting if step is not None]
+        slowest = min(running, key=lambda s: s.index) if running else max(steps, key=lambda s: s.index)
+        if slowest.index <= self._told:
             return
         self._told = slowest.index
         same = [step for step in steps if step.stage == slowest.stage]

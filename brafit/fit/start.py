@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from brafit.fit.targets import Target, resample
 
-SAMPLES = 81
+SAMPLES = 41
 """Evenly spaced points of each curve."""
 _RIDGES = 2 / 3
 """The ridges divide this share of the angle between wire and upper edge evenly."""

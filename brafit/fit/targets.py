@@ -8,10 +8,15 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 NECKLINE_SAMPLES = 81
 """Evenly spaced points by which a batch holds its necklines."""
+SHEET = 2000
+"""Points at most that tell where a cloud without a neckline ends."""
+_NEIGHBOURS = 12
+"""Neighbours that a point's normal is taken from."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,8 @@ class Targets:
         connection, has_connection: connection point.
         apex, has_apex: bust point.
         scale: millimetres per solver unit.
+        sheet, sheet_normals, spacing: for clouds without a neckline, points spread over each, its normals there, and
+            the typical distance between neighbours. Shorter ones repeat their first point.
     """
 
     points: Float[Tensor, "batch points 3"]
@@ -58,6 +65,9 @@ class Targets:
     apex: Float[Tensor, "batch 3"]
     has_apex: Bool[Tensor, " batch"]
     scale: Float[Tensor, " batch"]
+    sheet: Float[Tensor, "batch sheet 3"]
+    sheet_normals: Float[Tensor, "batch sheet 3"]
+    spacing: Float[Tensor, " batch"]
 
     def select(self, index: Tensor) -> "Targets":
         """The targets with these batch indices (repetitions allowed)."""
@@ -99,6 +109,7 @@ class Targets:
         neckline, has_neckline = optional(lines, np.zeros((samples, 3)))
         connection, has_connection = optional([t.strap_point for t in targets], np.zeros(3))
         apex, has_apex = optional([t.apex for t in targets], np.zeros(3))
+        sheet, normals, spacing = _sheets(targets)
         unit = scale[:, None]
         return Targets(
             points=tensor(points) / unit[..., None],
@@ -110,7 +121,29 @@ class Targets:
             apex=apex / unit,
             has_apex=has_apex,
             scale=scale,
+            sheet=tensor(sheet) / unit[..., None],
+            sheet_normals=tensor(normals),
+            spacing=tensor(spacing) / scale,
         )
+
+
+def _sheets(targets: Sequence[Target]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The sheets of the clouds without a neckline with their normals and spacings; the others' are of no account."""
+    clouds = [t.points[:: -(-len(t.points) // SHEET)] if t.neckline is None else t.points[:1] for t in targets]
+    size = max((len(c) for c in clouds if len(c) > 1), default=0)
+    sheets, normals, spacings = np.zeros((len(targets), size, 3)), np.zeros((len(targets), size, 3)), []
+    for k, cloud in enumerate(clouds):
+        spacings.append(0.0)
+        if len(cloud) <= _NEIGHBOURS or size == 0:
+            continue
+        away, near = cKDTree(cloud).query(cloud, _NEIGHBOURS + 1)
+        offset = cloud[near] - cloud[near].mean(axis=1, keepdims=True)
+        flattest = np.linalg.eigh(offset.mT @ offset)[1][:, :, 0]
+        whole = np.arange(size)
+        whole[len(cloud) :] = 0
+        sheets[k], normals[k] = cloud[whole], flattest[whole]
+        spacings[k] = float(np.median(away[:, 1]))
+    return sheets, normals, np.array(spacings)
 
 
 def resample(line: Float[np.ndarray, "k 3"], count: int) -> Float[np.ndarray, "count 3"]:

@@ -466,9 +466,10 @@ def distance_jacobian(
     index, weight = stencil(feet, stations, edge_count)
     *batch, rows, _, size = table_jacobian.shape
     count = index.shape[-2]
-    problem = torch.arange(math.prod(batch), device=index.device).view(*batch, 1, 1) * rows
-    components = torch.arange(3, device=index.device)
-    index = ((index + problem)[..., None] * 3 + components).reshape(-1, 24)
+    # 32 bits are enough for the rows of any table that fits into memory, and half the traffic.
+    problem = torch.arange(math.prod(batch), device=index.device, dtype=torch.int32).view(*batch, 1, 1) * rows
+    components = torch.arange(3, device=index.device, dtype=torch.int32)
+    index = ((index.int() + problem)[..., None] * 3 + components).reshape(-1, 24)
     weight = (weight[..., None] * -directions[..., None, :]).reshape(-1, 24)
     bags = torch.nn.functional.embedding_bag(
         index, table_jacobian.reshape(-1, size), mode="sum", per_sample_weights=weight

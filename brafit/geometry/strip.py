@@ -128,8 +128,8 @@ def roll(
     """phi along an edge, and the largest residual of its integral equation.
 
     Solves phi = start + integral of -w - (k1 sin(phi) - k2 cos(phi)) slope by Newton's method; each step's linear
-    equation has an integrating factor, hence a closed form. The iterations run without gradients; one more step makes
-    the result differentiable.
+    equation has an integrating factor, hence a closed form. The iterations run without gradients, each problem's until
+    its residual is round-off; one more step makes the result differentiable.
 
     Args:
         slope: tan(alpha).
@@ -139,18 +139,24 @@ def roll(
     with torch.no_grad():
         fixed = Rates(*(v.detach() for v in (rates.speed, rates.k1, rates.k2, rates.w)))
         phi = start.detach()[..., None].expand_as(slope)
+        enough = 500 * torch.finfo(phi.dtype).eps
         for _ in range(iterations):
-            phi, _ = _newton(phi, fixed, slope.detach(), start.detach(), integral)
+            moved, off = _newton(phi, fixed, slope.detach(), start.detach(), integral)
+            running = off > enough
+            if not running.any():
+                break
+            phi = torch.where(running[..., None], moved, phi)
     return _newton(phi, rates, slope, start, integral)
 
 
 def _newton(phi: Tensor, rates: Rates, slope: Tensor, start: Tensor, integral: Tensor) -> tuple[Tensor, Tensor]:
     sine, cosine = torch.sin(phi), torch.cos(phi)
     change = -rates.w - (rates.k1 * sine - rates.k2 * cosine) * slope
-    residual = start[..., None] + apply_row(integral, change) - phi
     with torch.no_grad():
         rate = (rates.k1 * cosine + rates.k2 * sine) * slope
-        factor = torch.exp(apply_row(integral, rate).clamp(-40, 40))
+    turned, growth = apply(integral, torch.stack((change, rate), dim=-1)).unbind(-1)
+    residual = start[..., None] + turned - phi
+    factor = torch.exp(growth.detach().clamp(-40, 40))
     step = residual - apply_row(integral, factor * rate * residual) / factor
     return phi + step.clamp(-1, 1), residual.detach().abs().amax(-1)
 

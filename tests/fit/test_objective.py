@@ -90,6 +90,53 @@ def test_gradient_of_every_parameter_against_central_differences(loss, panels):
     torch.testing.assert_close(result.gradient[0], difference, rtol=1e-6, atol=1e-7 * scale)
 
 
+def differences(problem: Objective, flat: torch.Tensor, h: float = 2e-6) -> torch.Tensor:
+    """Gradient of a batch of one problem by central differences."""
+    steps = h * torch.eye(problem.cup.size, dtype=torch.float64)
+    values = [problem.value(flat + step, Pressure(1.0)) - problem.value(flat - step, Pressure(1.0)) for step in steps]
+    return torch.cat(values) / (2 * h)
+
+
+def flat_cloud(height: float) -> np.ndarray:
+    """A net in the plane of the lune cup's upper edge, a half circle of height 1."""
+    y, z = np.meshgrid(np.arange(-0.1, 2.11, 0.05), np.arange(-0.1, height, 0.05))
+    return SCALE * np.stack((0 * y, y, z), axis=-1).reshape(-1, 3)
+
+
+def test_guides_draw_all_edges_and_points_count_no_more():
+    problem = objective([target(3)])
+    shape = problem.cup.shape_of(near(problem.cup, 0.05, 4)).map(lambda v: v.detach())
+    problem.guides = shape.edges[:, 1:]
+    guided, flat = problem.guided(), near(problem.cup, 0.05, 5)
+    at_home = guided.evaluate(near(problem.cup, 0.05, 4), Pressure(1.0)).terms
+    assert max(v.item() for k, v in at_home.items() if "guide" in k) < 1e-6
+    result = guided.evaluate(flat, Pressure(1.0))
+    assert {k for k in result.terms if "guide" in k} == {
+        f"{a} to {b}" for i in (1, 2) for a, b in ((f"edge {i}", "guide"), ("guide", f"edge {i}"))
+    }
+    assert result.terms["points"].item() == 0
+    assert not any("neckline" in k for k in result.terms)
+    expected = differences(guided, flat)
+    scale = expected.abs().max().item()
+    torch.testing.assert_close(result.gradient[0], expected, rtol=1e-5, atol=1e-6 * scale)
+
+
+def test_the_upper_edge_is_held_on_a_cloud_that_ends_before_it():
+    """Only beyond the cloud's end, only without a neckline, and with the right gradient."""
+    wire = target(0).wire
+    short, long = (Target(f"net {size}", flat_cloud(size), wire) for size in (0.6, 1.2))
+    marked = replace(short, neckline=line_near_the_upper_edge(1))
+    problem = objective([short, long, marked], Conditions(rim=1.0, margin=0.1))
+    flat = lune_frames(3).flatten().detach()
+    terms = problem.evaluate(flat, Pressure(1.0)).terms["edge to cloud"]
+    assert terms[0] > 1e-3
+    assert terms[1] == terms[2] == 0
+    one, flat = objective([short], Conditions(rim=1.0, margin=0.1)), near(lune_frames(1), 0.03, 2)
+    expected = differences(one, flat)
+    scale = expected.abs().max().item()
+    torch.testing.assert_close(one.evaluate(flat, Pressure(1.0)).gradient[0], expected, rtol=1e-5, atol=1e-5 * scale)
+
+
 def test_value_is_the_sum_of_the_terms_and_the_one_without_gradients():
     problem = objective([target(1), target(2, 60)])
     flat, press = near(problem.cup), pressure(problem)
