@@ -47,7 +47,7 @@ def fit(
     """
     from brafit.app import job_of
     from brafit.config import from_settings
-    from brafit.fit import ResultCode, Target, fit_targets
+    from brafit.fit import ResultCode, Target
     from brafit.result import Result
     from brafit.scan.frame import frame_from_wire
 
@@ -66,16 +66,7 @@ def fit(
         neckline=None if upper is None else frame.to_cup(upper),
         **{key: None if mark is None else frame.to_cup(mark) for key, mark in marks.items()},
     )
-    (found,) = fit_targets(
-        [target],
-        job.cup,
-        job.solver,
-        job.condition,
-        restarts=job.restarts,
-        dtype=job.dtype,
-        device=job.device,
-        callback=callback,
-    )
+    (found,) = job.fit([target], callback)
     if found.code is ResultCode.DIVERGED:
         raise InputError(name, found.reason, "Check that points and wire are in millimetres and in the same frame")
     given = {"points": f"given ({len(cloud)})", "wire": f"given ({len(line)} points)", "side": f"given ({side})"}

@@ -51,7 +51,7 @@ class Job:
         restarts: starts per scan.
         batch: scans fitted at once.
         device, dtype: where and how precisely the fit computes.
-        threads: CPU threads; None leaves PyTorch's number.
+        threads: processor cores that share the scans of a batch; None: all that PyTorch would use.
         settings: anything that says how to repeat the run; goes into every fit.json.
     """
 
@@ -70,6 +70,20 @@ class Job:
     threads: int | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
 
+    def fit(self, targets: Sequence[Target], callback: Callable[[Step], None] | None = None) -> list[CupFit]:
+        """`brafit.fit.fit_targets` as the job wants it."""
+        return fit_targets(
+            targets,
+            self.cup,
+            self.solver,
+            self.condition,
+            restarts=self.restarts,
+            dtype=self.dtype,
+            device=self.device,
+            threads=self.threads or torch.get_num_threads(),
+            callback=callback,
+        )
+
 
 def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     """Fit all scans of a job; the results of a batch are written before the next begins.
@@ -87,8 +101,6 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
         InputError: no scan was found.
         BrafitError: nothing can run (a setting out of its range, Open3D missing).
     """
-    if job.threads is not None:
-        torch.set_num_threads(job.threads)
     paths = find_scans(job.scans)
     for line in passed_over(job.scans):
         tqdm.write(f"note: {line}", file=sys.stderr)
@@ -161,16 +173,7 @@ def _fit(job: Job, scans: Sequence[Scan], title: str, recorder: Recorder) -> lis
             show(step)
             recorder.step(step)
 
-        fits = fit_targets(
-            [_bridged(scan) for scan in scans],
-            job.cup,
-            job.solver,
-            job.condition,
-            restarts=job.restarts,
-            dtype=job.dtype,
-            device=job.device,
-            callback=callback,
-        )
+        fits = job.fit([_bridged(scan) for scan in scans], callback)
     fits = [_of_data(fit, len(scan.points)) for scan, fit in zip(scans, fits, strict=True)]
     figures = {key: torch.tensor([_number(fit.figures[key]) for fit in fits]) for key in fits[0].figures}
     recorder.step(Step("result", last, last, figures))

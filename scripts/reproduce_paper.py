@@ -91,6 +91,7 @@ def make_objective(
         connection=0.01,
         connection_width=0.02 * R,
         neckline=0.03,
+        rim=0.0,
         barrier=0.0,
         smoothness=smoothness,
     )
