@@ -56,6 +56,7 @@ from brafit.scan import (
 )
 from brafit.scan.checks import polyline_length
 from brafit.scan.frame import evenly_spaced
+from brafit.scan.gaps import gaps
 from brafit.scan.synthetic import on_panels
 
 PANELS = (2, 3)
@@ -369,20 +370,22 @@ def report_coverage(folder: Path, _: Path) -> None:
     holed = [(name, _holed(path, cut)) for name, cut in HOLES.items() for path in breasts[:6]]
     for panels in PANELS:
         best = fitted([target_of(scan) for scan in scans[:6]], panels)
-        for weighted in (True, False):
-            fits = fitted([target_of(scan, weighted=weighted) for _, scan in holed], panels)
+        for how in ("bridged", "weighted only", "neither"):
+            empty = np.empty((0, 3))
+            shown = [scan if how == "bridged" else replace(scan, assumed=empty) for _, scan in holed]
+            fits = fitted([target_of(scan, weighted=how != "neither") for scan in shown], panels)
             for name in HOLES:
                 rows = [k for k, (hole, _) in enumerate(holed) if hole == name]
                 away = [apart(fits[k], best[k % 6]) for k in rows]
                 print(
-                    f"  {panels} panels, {name}, {'with' if weighted else 'without'} weights: mm RMS off the fit to all"
+                    f"  {panels} panels, {name}, {how}: mm RMS off the fit to all"
                     f" data {np.median([a[0] for a in away]):.2f} (largest {max(a[0] for a in away):.2f};"
                     f" one point {max(a[1] for a in away):.1f})"
                 )
 
 
 HOLES: dict[str, Callable[[np.ndarray, Scan], np.ndarray]] = {
-    "hole of 20 mm radius at the apex's inner side": lambda points, scan: (
+    "hole of 28 mm radius inwards of the apex": lambda points, scan: (
         np.linalg.norm(points - (scan.wire[0] + 2 * _there(scan.apex)) / 3, axis=1) < 28
     ),
     "shadow: the lower 15 mm above the wire": lambda points, scan: (
@@ -395,7 +398,8 @@ def _holed(path: Path, cut: Callable[[np.ndarray, Scan], np.ndarray]) -> Scan:
     whole = load_scan(path, points=None, outliers=None)
     kept = whole.points[~cut(whole.points, whole)]
     chosen = np.random.default_rng(0).permutation(len(kept))[:2000]
-    return replace(whole, points=kept[chosen], dense=kept)
+    curve = np.concatenate([whole.wire, _there(whole.neckline)[::-1][1:-1]])
+    return replace(whole, points=kept[chosen], dense=kept, assumed=gaps(kept[chosen], kept, curve).places)
 
 
 def report_lines(folder: Path, _: Path) -> None:
