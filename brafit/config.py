@@ -61,6 +61,7 @@ class StageConfig:
     penalty: float = limited(0)
     rate: float = 0.03
     damping: float = field(default=1e-7, metadata={"least": 0})
+    points: int | None = field(default=None, metadata={"least": 0})
 
 
 @dataclass

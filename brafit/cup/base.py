@@ -97,6 +97,10 @@ class Cup(nn.Module, ABC):
         """The cups with these batch indices (repetitions allowed)."""
 
     @abstractmethod
+    def on(self, wire: Wire) -> "Cup":
+        """Cups with the same parameters on these wires, one each, in the wires' precision and place."""
+
+    @abstractmethod
     def constraints(self, shape: CupShape) -> dict[str, Float[Tensor, "batch m"]]:
         """Equations that a shape of this model must satisfy to be a cup, by name; empty where the model satisfies
         them itself.

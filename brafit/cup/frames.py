@@ -143,7 +143,13 @@ class FramesCup(Cup):
         self.turn.zero_()
 
     def select(self, index: Tensor) -> "FramesCup":
-        cup = FramesCup(self.wire.select(index), self.panels, self.terms, self.stations.shape[0], self.basis)
+        return self._on(self.wire.select(index), index)
+
+    def on(self, wire: Wire) -> "FramesCup":
+        return self._on(wire, torch.arange(self.batch, device=self.stations.device))
+
+    def _on(self, wire: Wire, index: Tensor) -> "FramesCup":
+        cup = FramesCup(wire, self.panels, self.terms, self.stations.shape[0], self.basis)
         cup.load_flat(self.flatten().detach()[index])
         cup.reference.copy_(self.reference[index])
-        return cup.to(self.reference)
+        return cup.to(wire.coefficients)

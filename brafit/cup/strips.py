@@ -349,6 +349,12 @@ class StripsCup(Cup):
         cup.grid, cup.output_grid = self.grid.select(index), self.output_grid.select(index)
         return cup
 
+    def on(self, wire: Wire) -> "StripsCup":
+        sizes = len(self.stations), len(self.grid.s), len(self.output_grid.s)
+        cup = StripsCup(wire, self.panels, self.terms, *sizes)
+        cup.load_flat(self.flatten().detach().to(wire.coefficients))
+        return cup
+
     def refined(self) -> "StripsCup":
         cup = self.select(torch.arange(self.batch, device=self.stations.device))
         own = self.stations

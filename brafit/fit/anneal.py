@@ -17,6 +17,8 @@ from brafit.fit.result import ResultCode
 from brafit.fit.solver import Callback, Solution, Step
 
 OPTIMISERS = ("adam", "lbfgs")
+LOOKS = 3
+"""How often the barrier may be raised."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class Stage:
         damping: L-BFGS works in the variables in which the Gauss-Newton matrix at the stage's start, plus `damping`
             times its largest diagonal element, is the identity. Small values reach weakly determined directions, but
             only near a minimum.
+        points: points of each cloud that are looked at; None: all. 0: none, the edges are drawn to the start's curves.
     """
 
     optimiser: str
@@ -38,6 +41,7 @@ class Stage:
     penalty: float
     rate: float = 0.03
     damping: float = 1e-7
+    points: int | None = None
 
     def __post_init__(self) -> None:
         if self.optimiser not in OPTIMISERS:
@@ -63,44 +67,52 @@ class Anneal:
         """Minimise every problem of the objective from its start. Problems that diverge are frozen where they were
         last finite.
         """
-        place = start.clone()
-        batch = len(start)
-        diverged = torch.zeros(batch, dtype=torch.bool, device=start.device)
-        converged = torch.zeros_like(diverged)
-        evaluations = torch.zeros(batch, dtype=torch.long, device=start.device)
-        multipliers: dict[str, Tensor] = {}
-        total, done = sum(s.steps for s in self.stages), 0
+        run = _Run.of(start, sum(s.steps for s in self.stages))
         for number, stage in enumerate(self.stages):
-            live = (~diverged).nonzero()[:, 0]
-            if len(live) == 0:
+            self._stage(
+                run, objective, f"{number + 1} {stage.optimiser}", stage, (~run.diverged).nonzero()[:, 0], callback
+            )
+            run.done += stage.steps
+        for _ in range(LOOKS if objective.cup.exact else 0):
+            left = (~run.diverged).nonzero()[:, 0]
+            low = objective.select(left).margins(run.place[left]) < objective.conditions.margin
+            if not low.any():
                 break
-            pressure = Pressure(stage.penalty, {k: v[live] for k, v in multipliers.items()})
-            watch = _Watch(objective.select(live), pressure, callback, f"{number + 1} {stage.optimiser}", done, total)
-            if stage.optimiser == "adam":
-                place[live], bad = adam.descend(
-                    watch.evaluate, place[live], stage.steps, stage.rate, callback=watch.report
-                )
-                evaluations[live] += stage.steps
-            else:
-                ending = self._lbfgs(watch, place[live], stage)
-                place[live], bad = ending.place, ending.diverged
-                converged[live] = ending.converged
-                evaluations[live] += ending.evaluations
-                shape = watch.objective.cup.shape_of(place[live])
-                for name, value in watch.objective.constraints(shape).items():
-                    kept = multipliers.setdefault(name, value.new_zeros(batch, value.shape[1]))
-                    kept[live] += stage.penalty * value.detach()
-            diverged[live] |= bad
-            done += stage.steps
-        live = (~diverged).nonzero()[:, 0]
+            run.barrier[left[low]] *= 10
+            self._stage(run, objective.finer(), "barrier", self.stages[-1], left[low], callback)
+        live = (~run.diverged).nonzero()[:, 0]
+        penalty = self.stages[-1].penalty
         if len(live):
-            pressure = Pressure(self.stages[-1].penalty, {k: v[live] for k, v in multipliers.items()})
-            place[live] = close(objective.select(live), place[live], pressure)
+            run.place[live] = close(objective.select(live), run.place[live], run.pressure(penalty, live))
         codes = [
             ResultCode.DIVERGED if d else ResultCode.CONVERGED if c else ResultCode.STEP_LIMIT
-            for d, c in zip(diverged.tolist(), converged.tolist(), strict=True)
+            for d, c in zip(run.diverged.tolist(), run.converged.tolist(), strict=True)
         ]
-        return Solution(place, codes, evaluations, Pressure(self.stages[-1].penalty, multipliers))
+        return Solution(run.place, codes, run.evaluations, Pressure(penalty, run.multipliers, run.barrier))
+
+    def _stage(
+        self, run: "_Run", objective: Objective, name: str, stage: Stage, live: Tensor, callback: Callback | None
+    ) -> None:
+        """One stage of the live problems."""
+        if len(live) == 0:
+            return
+        part, pressure = objective.select(live).seen(stage.points), run.pressure(stage.penalty, live)
+        watch = _Watch(part, pressure, callback, name, run.done, run.total)
+        if stage.optimiser == "adam":
+            run.place[live], bad = adam.descend(
+                watch.evaluate, run.place[live], stage.steps, stage.rate, callback=watch.report
+            )
+            run.evaluations[live] += stage.steps
+        else:
+            ending = self._lbfgs(watch, run.place[live], stage)
+            run.place[live], bad = ending.place, ending.diverged
+            run.converged[live] = ending.converged
+            run.evaluations[live] += ending.evaluations
+            shape = part.cup.shape_of(run.place[live])
+            for constraint, value in part.constraints(shape).items():
+                kept = run.multipliers.setdefault(constraint, value.new_zeros(len(run.place), value.shape[1]))
+                kept[live] += stage.penalty * value.detach()
+        run.diverged[live] |= bad
 
     def _lbfgs(self, watch: "_Watch", place: Tensor, stage: Stage) -> lbfgs.Minimum:
         transform = whitening(normal_equations(watch.objective, place, watch.pressure).matrix, stage.damping)
@@ -115,6 +127,28 @@ class Anneal:
         )
         moved = place + (transform * ending.place[:, None, :]).sum(-1)
         return lbfgs.Minimum(moved, ending.value, ending.converged, ending.diverged, ending.evaluations)
+
+
+@dataclass
+class _Run:
+    """Where all problems of a run stand."""
+
+    place: Tensor
+    diverged: Tensor
+    converged: Tensor
+    evaluations: Tensor
+    barrier: Tensor
+    multipliers: dict[str, Tensor]
+    total: int
+    done: int = 0
+
+    @staticmethod
+    def of(start: Tensor, total: int) -> "_Run":
+        no = torch.zeros(len(start), dtype=torch.bool, device=start.device)
+        return _Run(start.clone(), no, no.clone(), no.long(), torch.ones_like(start[:, :1]), {}, total)
+
+    def pressure(self, penalty: float, live: Tensor) -> Pressure:
+        return Pressure(penalty, {k: v[live] for k, v in self.multipliers.items()}, self.barrier[live])
 
 
 def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pressure) -> Float[Tensor, "batch size"]:

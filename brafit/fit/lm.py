@@ -14,17 +14,14 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from brafit.fit.anneal import close
+from brafit.fit.anneal import LOOKS, close
 from brafit.fit.normal import Normal, normal_equations
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.result import ResultCode
 from brafit.fit.solver import Callback, Solution, Step
-from brafit.geometry.developable import regularity
 
 _COMPACT = 0.75
 """Finished problems leave the batch once less than this share of it still runs."""
-_LOOKS = 3
-"""How often the barrier may be raised."""
 _SEARCHING = 4
 """Nearest points are searched anew in the first steps and then every so many; in between, they are followed."""
 
@@ -107,7 +104,7 @@ class LM:
         for number, stage in enumerate(self.stages):
             last = number == len(self.stages) - 1
             running, finer = live, False
-            for _ in range(_LOOKS + 1 if last else 1):
+            for _ in range(LOOKS + 1 if last else 1):
                 part = objective.select(running)
                 part, place[running] = staged(part.finer() if finer else part, place[running], stage)
                 pressure = Pressure(stage.penalty, {k: v[running] for k, v in multipliers.items()}, barrier[running])
@@ -121,7 +118,7 @@ class LM:
                     codes[row] = ResultCode.DIVERGED if diverged else code
                 if not last:
                     break
-                running = running[_margins(part, ending.place) < objective.conditions.margin - self.margin]
+                running = running[part.margins(ending.place) < objective.conditions.margin - self.margin]
                 if len(running) == 0:
                     break
                 barrier[running] *= 10
@@ -175,17 +172,9 @@ def staged(
     objective: Objective, place: Float[Tensor, "batch size"], stage: LMStage
 ) -> tuple[Objective, Float[Tensor, "batch size"]]:
     """The objective as a stage sees it, and the places that the stage begins at."""
-    if stage.points is not None:
-        objective = objective.thinned(stage.points) if stage.points else objective.guided()
-    objective = objective.softened(stage.smoothness, stage.margin_width)
+    objective = objective.seen(stage.points).softened(stage.smoothness, stage.margin_width)
     targets = objective.targets
     return objective, objective.cup.place_corner(place, targets.connection, targets.has_connection)
-
-
-def _margins(objective: Objective, place: Float[Tensor, "batch size"]) -> Float[Tensor, " batch"]:
-    """Smallest regularity margin of the cups as they are given out."""
-    shape = objective.cup.shape_of(place)
-    return regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions).amin((-2, -1))
 
 
 def _tell(callback: Callback | None, stage: str, done: int, total: int, index: int, terms: dict[str, Tensor]) -> None:

@@ -29,6 +29,8 @@ MARGIN_TOLERANCE = 0.005
 """How far the regularity margin may be below its bound."""
 REFINEMENTS = 2
 """How often the grid of the output is refined where panels twist more."""
+ISOMETRY_LIMIT = 1.0
+"""Largest difference of lengths in space and in the pattern, in mm, of anything that is a cup at all."""
 FAR, FAR_SHARE = 5.0, 0.05
 """A warning is due if more than this share of the points is further than this from the cup, mm."""
 
@@ -117,13 +119,13 @@ def _fit_together(
     solution = solver.solve(objective, model.flatten().detach(), callback)
 
     best = _best(objective, solution)
-    winners = model.select(best)
-    flat = solution.flat[best]
+    flat = solution.flat[best].cpu().double()
+    winners = model.select(best).on(wires)  # in double precision, whatever the fit computed with
     winners.load_flat(flat)
     results = []
     for k, target in enumerate(targets):
         row = int(best[k])
-        one = winners.select(torch.tensor([k], device=device))
+        one = winners.select(torch.tensor([k]))
         fit = _finish(
             target,
             one,
@@ -174,7 +176,7 @@ def _best(objective: Objective, solution: Solution) -> Int[Tensor, " scans"]:
 
 
 def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -> CupFit:
-    """The fit with its warnings; unresolved, if the model makes exact panels and these are not."""
+    """The fit with its warnings; unresolved, if the model makes exact panels and these are not, or if it is no cup."""
     margin, twist = fit.figures["regularity_min"], fit.figures["twist_deg_max"]
     warnings, faults = list(told), []
     if margin < condition.margin - MARGIN_TOLERANCE:
@@ -184,7 +186,10 @@ def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -
         warnings.append(f"{far:.1%} of the points are more than {FAR:g} mm from the cup")
     if cup.exact and not twist <= TWIST_LIMIT:
         faults.append(f"a ruling's normals differ by {twist:.3g} degrees, more than {TWIST_LIMIT:g}")
-    if cup.exact and faults and fit.code is not ResultCode.DIVERGED:
+    torn = not fit.figures["isometry_mm"] <= ISOMETRY_LIMIT
+    if torn:
+        faults.append(f"lengths in the cup and in its patterns differ by {fit.figures['isometry_mm']:.3g} mm")
+    if (cup.exact or torn) and faults and fit.code is not ResultCode.DIVERGED:
         code = ResultCode.UNRESOLVED
         return replace(fit, code=code, reason=f"{code.value}: {'; '.join(faults)}", warnings=(*warnings, *faults))
     return replace(fit, warnings=(*warnings, *faults))
@@ -192,9 +197,9 @@ def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -
 
 def _measured(cup: Cup, target: Target) -> tuple[CupShape, FlatPanel, Tensor, dict[str, float]]:
     """Shape in mm, flat panels, distances and figures of one cup."""
-    wire = cup.wire.cpu().double()
+    wire = cup.wire
     scale = wire.scale.item()
-    shape = cup.shape_of(cup.flatten().detach()).map(lambda v: v[0].detach().cpu().double())
+    shape = cup.shape_of(cup.flatten().detach()).map(lambda v: v[0].detach())
     shape = in_millimetres(shape, scale)
     flat = flat_panels(shape)
     distances = point_distances(torch.as_tensor(target.points, dtype=torch.float64), shape)

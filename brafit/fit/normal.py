@@ -138,4 +138,4 @@ def gram(
 
 
 def _weighted(jacobian: Tensor, weights: Tensor) -> Float[Tensor, "batch size"]:
-    return torch.stack([w @ j for j, w in zip(jacobian, weights, strict=True)])
+    return torch.bmm(weights[:, None], jacobian)[:, 0]

@@ -172,9 +172,20 @@ class Objective:
         least = {"smoothness": smoothness, "margin_width": margin_width}
         return self._with(conditions=replace(c, **{k: max(v, getattr(c, k)) for k, v in least.items()}))
 
-    def guided(self) -> "Objective":
-        """The same problems without points, their edges drawn to the guides instead."""
-        return self._with(targets=self.targets.thinned(0), guiding=self.guides is not None)
+    def seen(self, points: int | None) -> "Objective":
+        """The same problems as a stage sees them: with at most so many points each, or all (None). 0: none, their
+        edges drawn to the guides instead, where there are guides.
+        """
+        if points is None:
+            return self
+        if points == 0:
+            return self if self.guides is None else self._with(targets=self.targets.thinned(0), guiding=True)
+        return self.thinned(points)
+
+    def margins(self, flat: Flat) -> Float[Tensor, " batch"]:
+        """Smallest regularity margin of each cup as it is given out."""
+        shape = self.cup.shape_of(flat)
+        return regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions).amin((-2, -1))
 
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:
         """Nearest points of the targets' clouds on the cups."""

@@ -107,7 +107,7 @@ def test_guides_draw_all_edges_and_points_count_no_more():
     problem = objective([target(3)])
     shape = problem.cup.shape_of(near(problem.cup, 0.05, 4)).map(lambda v: v.detach())
     problem.guides = shape.edges[:, 1:]
-    guided, flat = problem.guided(), near(problem.cup, 0.05, 5)
+    guided, flat = problem.seen(0), near(problem.cup, 0.05, 5)
     at_home = guided.evaluate(near(problem.cup, 0.05, 4), Pressure(1.0)).terms
     assert max(v.item() for k, v in at_home.items() if "guide" in k) < 1e-6
     result = guided.evaluate(flat, Pressure(1.0))
