@@ -22,6 +22,7 @@ from tqdm import tqdm
 from brafit import __version__
 from brafit.errors import InputError
 from brafit.fit import CupFit, ResultCode, Step, Target, fit_targets
+from brafit.fit.shards import prepare
 from brafit.pattern import Pattern, PatternOptions, Side
 from brafit.report.figures import fit_figure, pattern_figure
 from brafit.report.page import write_index
@@ -105,6 +106,8 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     for line in passed_over(job.scans):
         tqdm.write(f"note: {line}", file=sys.stderr)
     scans = _by_side(list(zip(scan_names(paths), paths, strict=True)), job.scan.get("side"))
+    if torch.device(job.device).type == "cpu":
+        prepare(min(len(scans), job.batch), job.threads or torch.get_num_threads())
     batches = [scans[i : i + job.batch] for i in range(0, len(scans), job.batch)]
     rows: list[Row] = []
     nest: list[Pattern] = []

@@ -31,8 +31,9 @@ from brafit.cup import CupShape, FramesCup, StripsCup, Wire
 from brafit.fit import LM, Conditions, LMStage, NelderMead, Target, fit_targets
 from brafit.fit.lm import minimise, staged
 from brafit.fit.loop import in_millimetres, starting_problems
-from brafit.fit.measure import flat_panels
+from brafit.fit.measure import flat_panels, upper_edge_gap
 from brafit.fit.objective import Objective, Pressure
+from brafit.fit.shards import prepare
 from brafit.fit.targets import Targets
 from brafit.scan import find_scans, load_scan
 from brafit.scan.synthetic import on_panels, quarter_sphere
@@ -101,20 +102,54 @@ def report_steps(targets: list[Target]) -> None:
 
 
 def report_speed(targets: list[Target]) -> None:
-    """Scans per second of the whole batch, all starts and the measurement included."""
+    """Scans per second of the whole batch, all starts and the measurement included; the best of three runs."""
     solver, conditions = shipped()
+    prepare(len(targets), 2)
     for threads in (1, 2):
-        torch.set_num_threads(threads)
         best = (math.inf, math.inf)
         for _ in range(3):
             wall, cpu = time.perf_counter(), time.process_time()
-            fit_targets(targets, partial(StripsCup, panels=2), solver, conditions, restarts=RESTARTS)
+            fit_targets(targets, partial(StripsCup, panels=2), solver, conditions, restarts=RESTARTS, threads=threads)
             best = min(best, (time.perf_counter() - wall, time.process_time() - cpu))
         print(
-            f"{len(targets)} scans, {RESTARTS} starts, {threads} threads: {len(targets) / best[0]:.2f} scans/s"
-            f" ({best[0]:.1f} s, {best[1]:.1f} s CPU)"
+            f"{len(targets)} scans, {RESTARTS} starts, {threads} cores: {len(targets) / best[0]:.2f} scans/s"
+            f" ({best[0]:.1f} s, {best[1]:.1f} s CPU of the first)"
         )
-    torch.set_num_threads(1)
+
+
+def report_single(targets: list[Target]) -> None:
+    """RMS in single precision against double."""
+    solver, conditions = shipped()
+    for panels in (2, 3):
+        cup = partial(StripsCup, panels=panels)
+        both = [
+            fit_targets(targets, cup, solver, conditions, restarts=RESTARTS, dtype=d, threads=2)
+            for d in (torch.float64, torch.float32)
+        ]
+        off = np.array([b.figures["rms_mm"] - a.figures["rms_mm"] for a, b in zip(*both, strict=True)])
+        near = int((np.abs(off) <= 0.01).sum())
+        print(
+            f"{panels} panels, float32 less float64, RMS mm: median {np.median(off):.3f}, from {off.min():.3f} to"
+            f" {off.max():.3f}; within 0.01 on {near} of {len(off)}"
+        )
+
+
+def report_rim(targets: list[Target]) -> None:
+    """How far the upper edge ends from the neckline that the fit is not told, with and without the two-sided term."""
+    solver, conditions = shipped()
+    bare = [replace(target, neckline=None) for target in targets]
+    for panels in (2, 3):
+        for weight in (0.0, conditions.rim):
+            own = replace(conditions, rim=weight)
+            fits = fit_targets(bare, partial(StripsCup, panels=panels), solver, own, restarts=RESTARTS, threads=2)
+            off = [
+                upper_edge_gap(fit.shape.edges[-1], torch.as_tensor(target.neckline))
+                for fit, target in zip(fits, targets, strict=True)
+            ]
+            print(
+                f"{panels} panels, no neckline given, condition.rim={weight:g}: upper edge off it by"
+                f" {np.median(off):.1f} mm (median), at most {max(off):.1f} mm"
+            )
 
 
 def report_memory(folder: str) -> None:
@@ -138,7 +173,13 @@ def sphere_objective(cup: StripsCup | FramesCup, **conditions: float) -> Objecti
     points = quarter_sphere(1000, 1.0, np.random.default_rng(0)).numpy()
     target = Target("sphere", points, np.zeros((0, 3)), strap_point=np.array([0.0, 1.0, 1.0]))
     batch = Targets.stack([target], torch.ones(1, dtype=torch.float64)).select(torch.zeros(cup.batch, dtype=torch.long))
-    settings: dict[str, Any] = {"rim": 0.0, "connection": 0.01, "connection_width": 0.02, "smoothness": 1e-8, **conditions}
+    settings: dict[str, Any] = {
+        "rim": 0.0,
+        "connection": 0.01,
+        "connection_width": 0.02,
+        "smoothness": 1e-8,
+        **conditions,
+    }
     return Objective(cup, batch, Conditions(**settings))
 
 
@@ -281,12 +322,13 @@ def objective_mean(objective: Objective, flat: Tensor) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="breast scans with their landmark files")
-    parser.add_argument("--only", default="breasts,steps,sphere,recovery,scipy,memory,speed", help="parts, by commas")
+    everything = "breasts,steps,sphere,recovery,scipy,memory,single,rim,speed"
+    parser.add_argument("--only", default=everything, help="parts, by commas")
     parser.add_argument("--slow", action="store_true", help="100 starts in case 1, and the paper's solver")
     options = parser.parse_args()
     torch.set_num_threads(1)
     parts = set(options.only.split(","))
-    targets = breasts(str(options.folder)) if parts & {"breasts", "steps", "scipy", "speed"} else []
+    targets = breasts(str(options.folder)) if parts & {"breasts", "steps", "scipy", "single", "rim", "speed"} else []
     if "breasts" in parts:
         report_breasts(targets)
     if "steps" in parts:
@@ -299,6 +341,10 @@ def main() -> None:
         report_scipy(targets)
     if "memory" in parts:
         report_memory(str(options.folder))
+    if "single" in parts:
+        report_single(targets)
+    if "rim" in parts:
+        report_rim(targets)
     if "speed" in parts:
         report_speed(targets)
     if options.slow:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 from jaxtyping import Float, Int
@@ -55,6 +55,10 @@ class Gaps:
     index: Int[Tensor, "batch m k"]
     weight: Float[Tensor, "batch m k"]
     sliding: Points
+
+    def part(self, which: slice) -> "Gaps":
+        """Some of the gaps."""
+        return Gaps(*(getattr(self, f.name)[:, which] for f in fields(Gaps)))
 
     def columns(self, table: Float[Tensor, "batch rows 3 columns"]) -> Float[Tensor, "batch m 3 columns"]:
         """Derivatives of the gaps from those of the samples."""

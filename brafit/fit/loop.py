@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -91,26 +92,24 @@ def fit_targets(
     Raises:
         ValueError: a target without points or with a wire that is no curve (checked input has neither).
     """
-
-    def work(some: Sequence[Target], callback: Callback | None) -> list[CupFit]:
-        return _fit_together(some, cup, solver, condition, restarts, dtype, device, callback)
-
     begun = time.perf_counter()
+    given = {"cup": cup, "solver": solver, "condition": condition, "restarts": restarts, "dtype": dtype}
     shards = threads if torch.device(device).type == "cpu" else 1
-    fits = in_shards(work, targets, shards, callback)
+    fits = in_shards(partial(_fit_together, **given, device=device), targets, shards, callback)
     seconds = (time.perf_counter() - begun) / max(1, len(targets))
     return [replace(fit, seconds=seconds) for fit in fits]
 
 
 def _fit_together(
     targets: Sequence[Target],
+    callback: Callback | None,
+    *,
     cup: Callable[[Wire], Cup],
     solver: Solver,
     condition: Conditions,
     restarts: int,
     dtype: torch.dtype,
     device: torch.device | str,
-    callback: Callback | None,
 ) -> list[CupFit]:
     """All scans as one batch."""
     wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])

@@ -73,7 +73,7 @@ def figures_of(
         if len(size) < 2**24
         else size.sort().values[-len(size) // 20].item(),
         "max_mm": size.max().item(),
-        "upper_edge_mm": math.nan if neckline is None else _upper_edge(edges[-1], neckline),
+        "upper_edge_mm": math.nan if neckline is None else upper_edge_gap(edges[-1], neckline),
         "wire_length_mm": lengths[0].item(),
         "wire_smoothing_mm": smoothing,
         "wire_drift_mm": (_between(shape) - wire).norm(dim=-1).max().item(),
@@ -95,7 +95,7 @@ def _distance(points: Tensor, line: Tensor) -> Tensor:
     return dot(delta, delta).sqrt()
 
 
-def _upper_edge(edge: Tensor, neckline: Tensor) -> float:
+def upper_edge_gap(edge: Tensor, neckline: Tensor) -> float:
     """Mean distance between upper edge and neckline, both ways."""
     return 0.5 * (_distance(edge, neckline).mean() + _distance(neckline, edge).mean()).item()
 

@@ -56,8 +56,10 @@ class Normal:
     def _map(self, function: Callable[[Tensor, Tensor], Tensor], other: "Normal") -> "Normal":
         terms = {k: function(v, other.terms[k]) for k, v in self.terms.items()}
         feet = Feet(*(function(getattr(self.feet, f.name), getattr(other.feet, f.name)) for f in fields(Feet)))
-        numbers = (function(getattr(self, k), getattr(other, k)) for k in ("value", "gradient", "matrix", "margin"))
-        return Normal(*numbers, terms, feet)
+        value, gradient, matrix, margin = (
+            function(getattr(self, k), getattr(other, k)) for k in ("value", "gradient", "matrix", "margin")
+        )
+        return Normal(value, gradient, matrix, margin, terms, feet)
 
 
 @torch.no_grad()

@@ -50,7 +50,7 @@ class Conditions:
 
     points: str = "l2"
     points_width: float = 0.5
-    neckline: float = 0.25
+    neckline: float = 0.3
     rim: float = 0.1
     connection: float = 0.01
     connection_width: float = 20.0
@@ -59,7 +59,7 @@ class Conditions:
     margin: float = 0.3
     margin_width: float = 0.03
     barrier: float = 1.0
-    smoothness: float = 1e-7
+    smoothness: float = 2e-7
 
     def __post_init__(self) -> None:
         point_loss(self.points, 1.0)
@@ -207,27 +207,8 @@ class Objective:
 
     def blocks(self, flat: Flat, shape: CupShape, pressure: Pressure) -> list[Block]:
         """All residuals but the points', constraints last."""
-        c, targets = self.conditions, self.targets
-        unit = targets.scale[:, None]
-        blocks = []
-        if self.guiding and self.guides is not None:
-            for i in range(1, shape.edges.shape[1]):
-                blocks += _pull_to_line(f"edge {i}", "guide", shape, i, self.guides[:, i - 1], GUIDING)
-        elif c.neckline > 0:
-            has = targets.has_neckline[:, None].to(flat)
-            blocks += _pull_to_line("edge", "neckline", shape, -1, targets.neckline, c.neckline * has)
-        if c.rim > 0 and targets.sheet.shape[1] > 0 and not self.guiding:
-            blocks.append(self._rim(shape))
-        if c.connection > 0:
-            gap = gaps_to_points(shape, -1, targets.connection[:, None])
-            sharpness = (unit / c.connection_width) ** 2
-            has = targets.has_connection[:, None].to(flat)
-            blocks.append(_pull("connection", gap, has, partial(fuzzy, strength=c.connection, sharpness=sharpness)))
-        if c.ridge_apex > 0 and self.cup.panels > 1:
-            gap = self._ridge_gap(shape)
-            sharpness = (unit / c.ridge_apex_width) ** 2
-            has = targets.has_apex[:, None].to(flat)
-            blocks.append(_pull("ridge at apex", gap, has, partial(fuzzy, strength=c.ridge_apex, sharpness=sharpness)))
+        c = self.conditions
+        blocks = self._guided_edges(shape) if self.guiding else self._wanted_edges(shape)
         if c.barrier > 0:
             margin = regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions).flatten(1)
             short = shortfall(margin, c.margin, c.margin_width)
@@ -238,6 +219,37 @@ class Objective:
             shift = pressure.multipliers.get(name)
             residual = value if shift is None else value + shift / pressure.penalty
             blocks.append(Block(name, residual, 0.5 * pressure.penalty))
+        return blocks
+
+    def _guided_edges(self, shape: CupShape) -> list[Block]:
+        """Every edge drawn to its guide both ways."""
+        assert self.guides is not None
+        blocks = []
+        for i in range(1, shape.edges.shape[1]):
+            guide = self.guides[:, i - 1]
+            there, back = gaps_to_line(shape, i, guide), gaps_to_points(shape, i, guide)
+            blocks += _pulls(f"edge {i}", "guide", shape, there, back, GUIDING)
+        return blocks
+
+    def _wanted_edges(self, shape: CupShape) -> list[Block]:
+        """What the landmarks ask of the edges."""
+        c, targets, blocks = self.conditions, self.targets, []
+        unit, has_strap = targets.scale[:, None], targets.has_connection[:, None].to(targets.points)
+        # one search for the neckline's points and the strap point
+        wanted = gaps_to_points(shape, -1, torch.cat((targets.neckline, targets.connection[:, None]), dim=1))
+        if c.neckline > 0:
+            has = targets.has_neckline[:, None].to(targets.points)
+            there = gaps_to_line(shape, -1, targets.neckline)
+            blocks += _pulls("edge", "neckline", shape, there, wanted.part(slice(None, -1)), c.neckline * has)
+        if c.rim > 0 and targets.sheet.shape[1] > 0:
+            blocks.append(self._rim(shape))
+        if c.connection > 0:
+            loss = partial(fuzzy, strength=c.connection, sharpness=(unit / c.connection_width) ** 2)
+            blocks.append(_pull("connection", wanted.part(slice(-1, None)), has_strap, loss))
+        if c.ridge_apex > 0 and self.cup.panels > 1:
+            loss = partial(fuzzy, strength=c.ridge_apex, sharpness=(unit / c.ridge_apex_width) ** 2)
+            has = targets.has_apex[:, None].to(targets.points)
+            blocks.append(_pull("ridge at apex", self._ridge_gap(shape), has, loss))
         return blocks
 
     def _rim(self, shape: CupShape) -> Block:
@@ -277,20 +289,15 @@ class Objective:
         return Evaluation(value.detach(), gradient, {k: v.detach() for k, v in values.items()})
 
 
-def _pull_to_line(
-    edge_name: str,
-    line_name: str,
-    shape: CupShape,
-    edge: int,
-    line: Float[Tensor, "batch k 3"],
-    weight: Tensor | float,
+def _pulls(
+    edge_name: str, line_name: str, shape: CupShape, there: Gaps, back: Gaps, weight: Tensor | float
 ) -> list[Block]:
     """An edge drawn to a line both ways: `weight` times the mean squared distance, each way."""
-    mean = station_weights(shape.stations).expand(len(line), -1)
-    there, back = gaps_to_line(shape, edge, line), gaps_to_points(shape, edge, line)
+    batch, points = back.vectors.shape[:2]
+    mean = station_weights(shape.stations).expand(batch, -1)
     return [
         _pull(f"{edge_name} to {line_name}", there, weight * mean),
-        _pull(f"{line_name} to {edge_name}", back, weight / line.shape[1] * torch.ones_like(mean[:, :1])),
+        _pull(f"{line_name} to {edge_name}", back, weight / points * torch.ones_like(mean[:, :1])),
     ]
 
 

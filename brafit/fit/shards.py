@@ -1,11 +1,19 @@
 """A batch on several processor cores: its scans are independent, so each core fits some of them.
 
-That pays more than several threads inside each operation, which wait for each other thousands of times.
+The first shard stays in this process, each other one goes to a process of its own, which is kept for the next batch.
+Threads would not do: the thousands of small operations of a fit hold the interpreter's lock in turn, and two threads
+are slower than one.
 """
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import itertools
+import os
+import pickle
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +24,8 @@ import torch
 
 from brafit.fit.solver import Callback, Step
 
+LEAST = 4
+"""Items that are worth a process of their own."""
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -28,29 +38,124 @@ def in_shards(
 ) -> list[Result]:
     """`work` on the items, in at most `count` shards of neighbouring ones at a time; results in the items' order.
 
-    The callback hears of all shards together, as far as the slowest of them has come.
+    The callback hears of all shards together, as far as the slowest of them has come. What cannot be sent to another
+    process (a local function) is done here, as is the share of a process that dies.
     """
-    count = min(count, len(items))
-    if count <= 1:
-        return work(items, callback)
-    bounds = [round(k * len(items) / count) for k in range(count + 1)]
+    count = min(count, len(items) // LEAST)
+    jobs: list[bytes] = []
+    bounds = [round(k * len(items) / max(1, count)) for k in range(max(1, count) + 1)]
     shards = [items[a:b] for a, b in itertools.pairwise(bounds)]
-    together = None if callback is None else _Together(callback, count)
-    before = torch.get_num_threads()
-
-    def run(k: int) -> list[Result]:
-        torch.set_num_threads(1)
+    if count > 1:
         try:
-            return work(shards[k], None if together is None else partial(together.tell, k))
+            jobs = [pickle.dumps((work, shard)) for shard in shards[1:]]
+        except (pickle.PicklingError, AttributeError, TypeError):
+            jobs = []
+    if not jobs:
+        return work(items, callback)
+    together = None if callback is None else _Together(callback, count)
+    tell = [None if together is None else partial(together.tell, k) for k in range(count)]
+    helpers = _POOL.take(len(jobs))
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+
+    def elsewhere(k: int) -> list[Result]:
+        try:
+            results = helpers[k - 1].run(jobs[k - 1], tell[k])
+            return work(shards[k], tell[k]) if results is None else results
         finally:
             if together is not None:
                 together.end(k)
 
     try:
-        with ThreadPoolExecutor(count) as pool:
-            return [result for part in pool.map(run, range(count)) for result in part]
+        with ThreadPoolExecutor(len(jobs)) as pool:
+            others = [pool.submit(elsewhere, k) for k in range(1, count)]
+            results = work(shards[0], tell[0])
+            if together is not None:
+                together.end(0)
+            return results + [result for other in others for result in other.result()]
     finally:
         torch.set_num_threads(before)
+        _POOL.give_back(helpers)
+
+
+def prepare(items: int, count: int) -> None:
+    """Start the processes that so many items in so many shards will need, so that they are ready when the fit is."""
+    _POOL.give_back(_POOL.take(max(0, min(count, items // LEAST) - 1)))
+
+
+class _Helper:
+    """A process that does jobs."""
+
+    def __init__(self):
+        environment = os.environ | {"OMP_NUM_THREADS": "1"}
+        command = [sys.executable, "-P", "-m", "brafit.fit.worker"]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._jobs, self._answers = self._process.stdin, self._process.stdout
+        self.idle = True
+
+    def run(self, job: bytes, tell: Callback | None) -> list | None:
+        """The results of a job; None if the process is gone.
+
+        Raises:
+            Exception: whatever the job raised.
+        """
+        self.idle = False
+        try:
+            self._jobs.write(job)
+            self._jobs.flush()
+            while True:
+                kind, content = pickle.load(self._answers)
+                if kind == "step":
+                    if tell is not None:
+                        tell(content)
+                    continue
+                self.idle = True
+                if kind == "error":
+                    raise content
+                return content
+        except (EOFError, BrokenPipeError, pickle.UnpicklingError):
+            return None
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._jobs, self._answers):
+            with contextlib.suppress(BrokenPipeError):
+                pipe.close()
+
+
+class _Pool:
+    """The helpers of this process that have nothing to do."""
+
+    def __init__(self):
+        self._idle: list[_Helper] = []
+        self._lock = threading.Lock()
+
+    def take(self, count: int) -> list[_Helper]:
+        with self._lock:
+            taken, self._idle = self._idle[:count], self._idle[count:]
+        return taken + [_Helper() for _ in range(count - len(taken))]
+
+    def give_back(self, helpers: Sequence[_Helper]) -> None:
+        """Those that are in the middle of something, because this process gave up waiting, are ended."""
+        for helper in helpers:
+            if not helper.idle:
+                helper.close()
+        with self._lock:
+            self._idle += [helper for helper in helpers if helper.idle]
+
+    def close(self) -> None:
+        with self._lock:
+            idle, self._idle = self._idle, []
+        for helper in idle:
+            helper.close()
+
+
+_POOL = _Pool()
+atexit.register(_POOL.close)
 
 
 class _Together:
@@ -84,6 +189,5 @@ class _Together:
         if slowest.index <= self._told:
             return
         self._told = slowest.index
-        same = [step for step in steps if step.stage == slowest.stage]
-        terms = {k: torch.cat([step.terms[k] for step in same if k in step.terms]) for k in slowest.terms}
+        terms = {k: torch.cat([step.terms[k] for step in steps if k in step.terms]) for k in slowest.terms}
         self._callback(Step(slowest.stage, slowest.index, slowest.total, terms))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from torch import Tensor
 
 NECKLINE_SAMPLES = 81
@@ -136,7 +136,7 @@ def _sheets(targets: Sequence[Target]) -> tuple[np.ndarray, np.ndarray, np.ndarr
         spacings.append(0.0)
         if len(cloud) <= _NEIGHBOURS or size == 0:
             continue
-        away, near = cKDTree(cloud).query(cloud, _NEIGHBOURS + 1)
+        away, near = KDTree(cloud).query(cloud, _NEIGHBOURS + 1)
         offset = cloud[near] - cloud[near].mean(axis=1, keepdims=True)
         flattest = np.linalg.eigh(offset.mT @ offset)[1][:, :, 0]
         whole = np.arange(size)

@@ -388,7 +388,7 @@ def nearest_on_curve(
     curve: Float[Tensor, "*batch n 3"],
     tangents: Float[Tensor, "*batch n 3"],
     stations: Float[Tensor, " n"],
-    iterations: int = 5,
+    iterations: int = 4,
 ) -> tuple[Int[Tensor, "*batch points"], Float[Tensor, "*batch points"]]:
     """Interval and place in it, in [0, 1], of the nearest points of a cubic Hermite curve."""
     batch, n = points.shape[:-2], curve.shape[-2]

@@ -1,48 +1,68 @@
 from __future__ import annotations
 
-import threading
+from functools import partial
 
+import numpy as np
 import pytest
-import torch
+from lunes import lune_cup, sphere_points
 
-from brafit.fit.shards import in_shards
-from brafit.fit.solver import Step
+from brafit.cup import StripsCup
+from brafit.fit import LM, Conditions, CupFit, LMStage, Target, fit_targets, shards
+
+CUP = partial(StripsCup, panels=2, terms=4, stations=21, nodes=24, output_nodes=24)
+SOLVER = LM([LMStage(steps=4, terms=3, points=0), LMStage(steps=6)])
+CONDITIONS = Conditions(neckline=0.1)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 9])
-def test_results_come_in_the_items_order(count):
-    seen = []
+def targets(count: int) -> list[Target]:
+    """Parts of spheres of growing size."""
+    points, shape = sphere_points(150)[0], lune_cup(2, 41)
+    wire, line = shape.edges[0].numpy(), shape.edges[-1].numpy()
+    return [Target(f"{k}", points * (1 + k / 50), wire * (1 + k / 50), line * (1 + k / 50)) for k in range(count)]
 
-    def work(items, callback):
-        seen.append((list(items), threading.get_ident(), torch.get_num_threads()))
-        return [10 * item for item in items]
 
-    items = list(range(7))
-    assert in_shards(work, items, count) == [10 * k for k in items]
-    assert sorted(k for part, _, _ in seen for k in part) == items
-    assert len(seen) == min(count, 7)
+def fitted(some: list[Target], threads: int, **given) -> list[CupFit]:
+    return fit_targets(some, given.pop("cup", CUP), SOLVER, CONDITIONS, threads=threads, **given)
+
+
+@pytest.fixture(scope="module")
+def alone() -> list[CupFit]:
+    return fitted(targets(9), 1)
+
+
+@pytest.mark.parametrize("threads", [2, 5])
+def test_results_are_those_of_one_process_in_the_same_order(threads, alone):
+    for own, fit in zip(fitted(targets(9), threads), alone, strict=True):
+        assert own.name == fit.name
+        np.testing.assert_allclose(own.shape.edges, fit.shape.edges, rtol=0, atol=1e-7)
+        assert own.figures["rms_mm"] == pytest.approx(fit.figures["rms_mm"], rel=1e-9)
 
 
 def test_the_callback_hears_of_all_shards_as_far_as_the_slowest_has_come():
-    both, told = threading.Barrier(2), []
-
-    def work(items, callback):
-        for index in range(3 if items[0] == 0 else 5):
-            both.wait() if index == 0 else None
-            callback(Step("only", index, 5, {"objective": torch.tensor([float(v) for v in items])}))
-        return list(items)
-
-    in_shards(work, [0, 1, 2, 3], 2, told.append)
-    assert [step.index for step in told] == sorted({step.index for step in told})
-    assert told[-1].index == 4
-    assert sorted(told[0].terms["objective"].tolist()) == [0, 1, 2, 3]
+    told = []
+    fitted(targets(8), 2, callback=told.append)
+    assert len(told) > 5
+    indices = [step.index for step in told]
+    assert indices == sorted(set(indices))
+    assert len(told[0].terms["objective"]) == 8
 
 
-def test_an_error_in_one_shard_is_raised():
-    def work(items, callback):
-        if 3 in items:
-            raise RuntimeError("shard")
-        return list(items)
+def test_an_error_elsewhere_is_raised_here_and_the_process_serves_on(alone):
+    bad = targets(8)
+    bad[7] = Target("bent", bad[7].points, np.zeros((3, 3)))
+    with pytest.raises(ValueError, match="at least 4 distinct points"):
+        fitted(bad, 2)
+    assert [fit.name for fit in fitted(targets(8), 2)] == [fit.name for fit in alone[:8]]
 
-    with pytest.raises(RuntimeError, match="shard"):
-        in_shards(work, [0, 1, 2, 3], 2, lambda step: None)
+
+def test_what_cannot_be_sent_is_done_here(alone):
+    fits = fitted(targets(8), 2, cup=lambda wire: CUP(wire))
+    assert [fit.figures["rms_mm"] for fit in fits] == pytest.approx([fit.figures["rms_mm"] for fit in alone[:8]])
+
+
+def test_the_share_of_a_process_that_died_is_done_here(alone):
+    shards.prepare(8, 2)
+    for helper in shards._POOL._idle:
+        helper._process.kill()
+        helper._process.wait()
+    assert [fit.name for fit in fitted(targets(8), 2)] == [fit.name for fit in alone[:8]]
