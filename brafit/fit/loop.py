@@ -154,7 +154,9 @@ def starting_problems(
     curves = np.concatenate([start_curves(t, model.panels, restarts) for t in targets])
     angles, reaches = (torch.as_tensor(v, dtype=dtype, device=device) for v in middles(curves))
     model.start(angles, reaches / batch.scale[:, None])
+    # Cups of the paper's model start as arcs of the right size; without points they lose their way.
     guides = torch.as_tensor(curves, dtype=dtype, device=device) / batch.scale[:, None, None, None]
+    guides = guides if model.exact else None
     return Objective(model, batch, condition, repeated, guides)
 
 
