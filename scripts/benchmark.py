@@ -101,6 +101,30 @@ def report_steps(targets: list[Target]) -> None:
         print(f"{panels} panels: median steps to within 1 % per stage: {counts}")
 
 
+def report_starts(targets: list[Target]) -> None:
+    """The first stage that looks at points, begun from plain arcs and from cups drawn to the cloud's sections."""
+    solver, _ = shipped()
+    guiding, first = solver.stages[0], replace(solver.stages[1], steps=60)
+    wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])
+    for panels in (2, 3):
+        cup = partial(StripsCup, panels=panels)
+        objective = starting_problems(targets, wires, cup, shipped()[1], RESTARTS)
+        arcs = objective.cup.flatten().detach()
+        part, place = staged(objective, arcs, guiding)
+        sections = minimise(part, place, Pressure(1.0), guiding, lambda index, terms: None).place
+        part = staged(objective, arcs, first)[0]
+        endings = [minimise(part, p, Pressure(1.0), first, lambda index, terms: None) for p in (arcs, sections)]
+        best = torch.stack([e.value.view(-1, RESTARTS).amin(1) for e in endings]).amin(0).repeat_interleave(RESTARTS)
+        for name, ending in zip(("arcs", "sections"), endings, strict=True):
+            history = ending.history / best
+            steps = ((ending.history <= 1.05 * ending.history[-1]).double().argmax(0) + 1).median()
+            print(
+                f"{panels} panels from {name}: objective over the best {history[0].median():.1f} after one step,"
+                f" {int(steps)} steps to within 5 % of its end, {(history[-1] < 1.05).double().mean():.0%} of starts in"
+                " the best optimum"
+            )
+
+
 def report_speed(targets: list[Target]) -> None:
     """Scans per second of the whole batch, all starts and the measurement included; the best of three runs."""
     solver, conditions = shipped()
@@ -322,15 +346,21 @@ def objective_mean(objective: Objective, flat: Tensor) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="breast scans with their landmark files")
-    everything = "breasts,steps,sphere,recovery,scipy,memory,single,rim,speed"
+    everything = "breasts,starts,steps,sphere,recovery,scipy,memory,single,rim,speed"
     parser.add_argument("--only", default=everything, help="parts, by commas")
     parser.add_argument("--slow", action="store_true", help="100 starts in case 1, and the paper's solver")
     options = parser.parse_args()
     torch.set_num_threads(1)
     parts = set(options.only.split(","))
-    targets = breasts(str(options.folder)) if parts & {"breasts", "steps", "scipy", "single", "rim", "speed"} else []
+    targets = (
+        breasts(str(options.folder))
+        if parts & {"breasts", "starts", "steps", "scipy", "single", "rim", "speed"}
+        else []
+    )
     if "breasts" in parts:
         report_breasts(targets)
+    if "starts" in parts:
+        report_starts(targets)
     if "steps" in parts:
         report_steps(targets)
     if "sphere" in parts:

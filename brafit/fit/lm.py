@@ -37,8 +37,8 @@ class LMStage:
         keep: starts per scan that go on after the stage.
         penalty: penalty mu of the cup's constraints, where it has any.
         tolerance: relative decrease of the objective, expected and found, at which a problem has converged.
-        smoothness, margin_width: at least these values of the conditions hold while the stage runs, for cups that are
-            exact. Smooth ones whose barrier is soft lead past poor optima.
+        smoothness, margin_width: at least these values of the conditions hold while the stage runs (smoothness: for
+            cups that are exact). Smooth cups whose barrier is soft lead past poor optima.
     """
 
     steps: int
@@ -172,9 +172,8 @@ def staged(
     objective: Objective, place: Float[Tensor, "batch size"], stage: LMStage
 ) -> tuple[Objective, Float[Tensor, "batch size"]]:
     """The objective as a stage sees it, and the places that the stage begins at."""
-    objective = objective.seen(stage.points)
-    if objective.cup.exact:
-        objective = objective.softened(stage.smoothness, stage.margin_width)
+    smoothness = stage.smoothness if objective.cup.exact else 0.0
+    objective = objective.seen(stage.points).softened(smoothness, stage.margin_width)
     targets = objective.targets
     return objective, objective.cup.place_corner(place, targets.connection, targets.has_connection)
 
