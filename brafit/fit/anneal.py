@@ -73,13 +73,15 @@ class Anneal:
                 run, objective, f"{number + 1} {stage.optimiser}", stage, (~run.diverged).nonzero()[:, 0], callback
             )
             run.done += stage.steps
+        grid = objective
         for _ in range(LOOKS if objective.cup.exact else 0):
             left = (~run.diverged).nonzero()[:, 0]
             low = objective.select(left).margins(run.place[left]) < objective.conditions.margin
             if not low.any():
                 break
             run.barrier[left[low]] *= 10
-            self._stage(run, objective.finer(), "barrier", self.stages[-1], left[low], callback)
+            grid = grid.finer()
+            self._stage(run, grid, "barrier", self.stages[-1], left[low], callback)
         live = (~run.diverged).nonzero()[:, 0]
         penalty = self.stages[-1].penalty
         if len(live):

@@ -103,10 +103,9 @@ class LM:
 
         for number, stage in enumerate(self.stages):
             last = number == len(self.stages) - 1
-            running, finer = live, False
+            running, grid = live, objective
             for _ in range(LOOKS + 1 if last else 1):
-                part = objective.select(running)
-                part, place[running] = staged(part.finer() if finer else part, place[running], stage)
+                part, place[running] = staged(grid.select(running), place[running], stage)
                 pressure = Pressure(stage.penalty, {k: v[running] for k, v in multipliers.items()}, barrier[running])
                 tell = partial(_tell, callback, f"{number + 1} lm", done, total)
                 ending = minimise(part, place[running], pressure, stage, tell)
@@ -122,7 +121,7 @@ class LM:
                 if len(running) == 0:
                     break
                 barrier[running] *= 10
-                finer = True
+                grid = grid.finer()
             for name, residual in objective.constraints(objective.cup.sketch(place)).items():
                 kept = multipliers.setdefault(name, torch.zeros_like(residual))
                 kept[live] += stage.penalty * residual[live].detach()
