@@ -31,7 +31,7 @@ __all__ = [
 
 
 class _Callable(ModuleType):
-    """`brafit.fit(points, wire=...)` is the Python face, under the name of this package."""
+    """`brafit.fit(points, wire=...)` is the Python face, under the name of this package: `help(brafit.face.fit)`."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         from brafit.face import fit  # stands above this package, and needs all of it

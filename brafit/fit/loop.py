@@ -32,6 +32,8 @@ REFINEMENTS = 2
 """How often the grid of the output is refined where panels twist more."""
 ISOMETRY_LIMIT = 1.0
 """Largest difference of lengths in space and in the pattern, in mm, of anything that is a cup at all."""
+REMEDY = "Try more starts (restarts=6) or another number of panels (cup.panels)"
+"""What helps where a fit is no cup."""
 FAR, FAR_SHARE = 5.0, 0.05
 """A warning is due if more than this share of the points is further than this from the cup, mm."""
 
@@ -183,6 +185,8 @@ def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -
     if margin < condition.margin - MARGIN_TOLERANCE:
         faults.append(f"the regularity margin is {margin:.3f}, below {condition.margin:g}")
     far = float((np.abs(fit.distances) > FAR).mean())
+    if fit.code is ResultCode.STEP_LIMIT:
+        warnings.append("the fit stopped at its step limit, perhaps short of the best cup")
     if far > FAR_SHARE:
         warnings.append(f"{far:.1%} of the points are more than {FAR:g} mm from the cup")
     if cup.exact and not twist <= TWIST_LIMIT:
@@ -192,7 +196,8 @@ def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -
         faults.append(f"lengths in the cup and in its patterns differ by {fit.figures['isometry_mm']:.3g} mm")
     if (cup.exact or torn) and faults and fit.code is not ResultCode.DIVERGED:
         code = ResultCode.UNRESOLVED
-        return replace(fit, code=code, reason=f"{code.value}: {'; '.join(faults)}", warnings=(*warnings, *faults))
+        reason = f"{code.value}: {'; '.join(faults)}. {REMEDY}"
+        return replace(fit, code=code, reason=reason, warnings=(*warnings, *faults))
     return replace(fit, warnings=(*warnings, *faults))
 
 

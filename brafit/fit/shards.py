@@ -50,13 +50,26 @@ def in_shards(
             jobs = [pickle.dumps((work, shard)) for shard in shards[1:]]
         except (pickle.PicklingError, AttributeError, TypeError):
             jobs = []
-    if not jobs:
-        return work(items, callback)
+    # More threads inside an operation wait for each other thousands of times, ever longer on a busy machine.
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        return _shared(work, shards, jobs, callback) if jobs else work(items, callback)
+    finally:
+        torch.set_num_threads(before)
+
+
+def _shared(
+    work: Callable[[Sequence[Item], Callback | None], list[Result]],
+    shards: Sequence[Sequence[Item]],
+    jobs: Sequence[bytes],
+    callback: Callback | None,
+) -> list[Result]:
+    """The first shard done here, each other one by the process that gets its job."""
+    count = len(shards)
     together = None if callback is None else _Together(callback, count)
     tell = [None if together is None else partial(together.tell, k) for k in range(count)]
     helpers = _POOL.take(len(jobs))
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
 
     def elsewhere(k: int) -> list[Result]:
         try:
@@ -74,7 +87,6 @@ def in_shards(
                 together.end(0)
             return results + [result for other in others for result in other.result()]
     finally:
-        torch.set_num_threads(before)
         _POOL.give_back(helpers)
 
 

@@ -198,6 +198,8 @@ def load_scan(
         raise InputError(path, cause, remedy)
     bare = None if neckline is None else gaps(cleaned.points, cleaned.dense, _closed(frame.to_cup(line), neckline))
     notes += _gap_notes(path, bare)
+    if neckline_origin == "built":
+        notes.append(f"{path.name}: no upper line given: it is built from the wire's ends and the strap point")
     scatter = cleaned.steps.scatter_mm
     if scatter is not None and scatter > NOISY:
         notes.append(f"{path.name}: its points scatter by {scatter:.1f} mm about their surface: edges are less certain")
