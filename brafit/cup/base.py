@@ -63,6 +63,7 @@ class Cup(nn.Module, ABC):
     exact = False
     """Whether panels are developable up to the grid behind `shape_of`."""
     stations: Tensor
+    terms: int
 
     def __init__(self, wire: Wire, panels: int, stations: int):
         super().__init__()

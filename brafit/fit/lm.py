@@ -31,7 +31,8 @@ class LMStage:
     """One stage of the schedule.
 
     Attributes:
-        terms: terms of the cup's series that are free; None: all its parameters.
+        terms: terms of the cup's series that are free; None: all. The upper edge's corner stays where
+            `Cup.place_corner` puts it: free, it wanders and makes a kink.
         points: points of each cloud that are looked at; None: all. 0: none, the edges are drawn to the start's curves.
         steps: steps at most.
         keep: starts per scan that go on after the stage.
@@ -191,11 +192,12 @@ def minimise(
     The damping follows Nielsen (1999): it falls smoothly with the ratio of found to expected decrease, and grows ever
     faster while steps are refused.
     """
-    columns = objective.cup.columns(stage.terms)
+    terms = objective.cup.terms if stage.terms is None else stage.terms
+    columns = objective.cup.columns(terms)
     batch = len(start)
     index = torch.arange(batch, device=start.device)
     place, result = start, start.clone()
-    here = normal_equations(objective, place, pressure, stage.terms)
+    here = normal_equations(objective, place, pressure, terms)
     value, margin = here.value.clone(), here.margin.clone()
     converged = torch.zeros(batch, dtype=torch.bool, device=start.device)
     diverged = ~(here.value.isfinite() & here.matrix.isfinite().all(-1).all(-1))
@@ -218,7 +220,7 @@ def minimise(
         trial = place.clone()
         trial[:, columns] += move
         near = here.feet if count >= _SEARCHING and count % _SEARCHING else None
-        there = normal_equations(objective, trial, pressure, stage.terms, near)
+        there = normal_equations(objective, trial, pressure, terms, near)
         gain = here.value - there.value
         ratio = gain / expected
         finite = there.value.isfinite() & there.matrix.isfinite().all(-1).all(-1)
