@@ -11,7 +11,9 @@ gradients and the distance is differentiated through the surface point at fixed 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Float, Int
@@ -225,14 +227,11 @@ def project(
         start, bound = _starts(points, x, panels)
         panel = bound.argmin(0)
         found = refine(everything, panel, start.gather(0, panel[None])[0], None)
-        others = [
-            (other, ((panel != other) & (bound[other] < found[3])).nonzero()[:, 0])
-            for other in range(panels if panels > 1 else 0)
-        ]
-        again = [
-            (other, index, refine(index, torch.full_like(index, other), start[other, index], None))
-            for other, index in others
-        ]
+        again = []
+        for other in range(panels if panels > 1 else 0):
+            index = ((panel != other) & (bound[other] < found[3])).nonzero()[:, 0]
+            there = torch.full_like(index, other)
+            again.append((there, index, refine(index, there, start[other, index], None)))
     else:
         panel, interval, tau = near.panel.reshape(-1), near.interval.reshape(-1), near.tau.reshape(-1)
         found = refine(everything, panel, interval, tau)
@@ -251,7 +250,7 @@ def project(
         )
         index = index[better]
         found[:, index] = crossed[:, better]
-        panel = panel.index_put((index,), other[better] if isinstance(other, Tensor) else panel.new_tensor(other))
+        panel = panel.index_put((index,), other[better])
     interval, tau, u, squared = found[:4]
     delta, normal = found[4:7], found[7:10]
     size = squared.sqrt()
@@ -316,6 +315,23 @@ def _descent(p: Tensor, c: Float[Tensor, "4 2 3 m"], tau: Float[Tensor, " m"]) -
     return first, torch.where(foot.free == foot.u, second - mixed * mixed / foot.length, second)
 
 
+def _descended(descent: Callable[[Tensor], tuple[Tensor, Tensor]], tau: Tensor, iterations: int) -> Tensor:
+    """Minima in [0, 1] by Newton's method, with bisection where its step is of no use.
+
+    `descent` gives the first and second derivative at tau.
+    """
+    low, high = torch.zeros_like(tau), torch.ones_like(tau)
+    for _ in range(iterations):
+        first, second = descent(tau)
+        high = torch.where(first > 0, tau, high)
+        low = torch.where(first < 0, tau, low)
+        newton = tau - first / second
+        usable = (second > 0) & (newton >= low) & (newton <= high)
+        middle = torch.where(first == 0, tau, 0.5 * (low + high))
+        tau = torch.where(usable, newton, middle)
+    return tau
+
+
 def _refine(
     p: Float[Tensor, "3 m"],
     panel: Int[Tensor, " m"],
@@ -353,15 +369,7 @@ def _refine(
         there = torch.where(aside > 0, (tau - 1) * scale, 1 + tau * scale)
         tau = torch.where(moved, there, tau).clamp(0, 1)
         c = series(interval)
-    low, high = torch.zeros_like(tau), torch.ones_like(tau)
-    for _ in range(iterations):
-        first, second = _descent(p, c, tau)
-        high = torch.where(first > 0, tau, high)
-        low = torch.where(first < 0, tau, low)
-        newton = tau - first / second
-        usable = (second > 0) & (newton >= low) & (newton <= high)
-        middle = torch.where(first == 0, tau, 0.5 * (low + high))
-        tau = torch.where(usable, newton, middle)
+    tau = _descended(partial(_descent, p, c), tau, iterations)
     (a, g), (a1, g1) = (f(c, tau) for f in (_cubic, _cubic_slope))
     foot = _Foot.of(p - a, g, a1, g1)
     normal = torch.linalg.cross(foot.along, g, dim=0)
@@ -406,15 +414,12 @@ def nearest_on_curve(
     interval, tau = start - back.long(), back.to(p.dtype)
     table = _cubics(curve, tangents, stations).reshape(-1, 12)
     c = table.index_select(0, problem * (n - 1) + interval).mT.contiguous().view(4, 3, -1)
-    low, high = torch.zeros_like(tau), torch.ones_like(tau)
-    for _ in range(iterations):
+
+    def descent(tau: Tensor) -> tuple[Tensor, Tensor]:
         delta, along, bend = p - _cubic(c, tau), _cubic_slope(c, tau), _cubic_bend(c, tau)
-        first, second = -_dot(delta, along), _dot(along, along) - _dot(delta, bend)
-        high = torch.where(first > 0, tau, high)
-        low = torch.where(first < 0, tau, low)
-        newton = tau - first / second
-        usable = (second > 0) & (newton >= low) & (newton <= high)
-        tau = torch.where(usable, newton, torch.where(first == 0, tau, 0.5 * (low + high)))
+        return -_dot(delta, along), _dot(along, along) - _dot(delta, bend)
+
+    tau = _descended(descent, tau, iterations)
     return interval.reshape(*batch, -1), tau.reshape(*batch, -1)
 
 
