@@ -247,7 +247,7 @@ def _target(scan: Scan) -> Target:
     return Target(
         name=scan.name,
         points=scan.points,
-        weights=point_weights(scan.points),
+        weights=point_weights(scan.points, scan.curve),
         wire=scan.wire,
         neckline=scan.neckline,
         strap_point=scan.strap_point,
@@ -261,7 +261,7 @@ def _bridged(scan: Scan) -> Target:
     if not len(scan.assumed):
         return target
     points = np.concatenate([scan.points, scan.assumed])
-    return replace(target, points=points, weights=point_weights(points))
+    return replace(target, points=points, weights=point_weights(points, scan.curve))
 
 
 def _of_data(fit: CupFit, count: int) -> CupFit:

@@ -72,7 +72,7 @@ def rms(values: np.ndarray) -> float:
 def target_of(scan: Scan, *, weighted: bool = True) -> Target:
     """What the command `brafit` fits to a scan."""
     points = np.concatenate([scan.points, scan.assumed])
-    weights = point_weights(points) if weighted else None
+    weights = point_weights(points, scan.curve) if weighted else None
     return Target(scan.name, points, scan.wire, scan.neckline, scan.strap_point, scan.apex, weights)
 
 

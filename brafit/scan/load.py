@@ -27,6 +27,7 @@ from brafit.scan.crop import mean_normal, neckline_over
 from brafit.scan.frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end
 from brafit.scan.gaps import Gaps, gaps
 from brafit.scan.landmarks import Landmarks, landmarks_path, read_landmarks
+from brafit.scan.order import along_curve
 from brafit.scan.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud, read_cloud
 from brafit.scan.surface import Surface, surface_of
 from brafit.scan.symmetry import apart, mirror_of
@@ -61,7 +62,7 @@ class Scan:
         name: what its results are called.
         path: the cloud's file.
         side: the wearer's `left` or `right` breast; a right one is mirrored here.
-        points: the cleaned cloud.
+        points: the cleaned cloud, in the order of `along_curve`.
         wire: the wire line, inner end first (at the origin).
         neckline: the upper line, inner end first, or None.
         strap_point, apex: marked points, or None.
@@ -93,6 +94,11 @@ class Scan:
     assumed: Float[np.ndarray, "g 3"] = field(default_factory=lambda: np.empty((0, 3)))
     removed: Float[np.ndarray, "r 3"] = field(default_factory=lambda: np.empty((0, 3)))
     gap_share: float | None = None
+
+    @property
+    def curve(self) -> Float[np.ndarray, "c 3"] | None:
+        """The closed curve that bounds the cup: wire and neckline; None without a neckline."""
+        return None if self.neckline is None else _closed(self.wire, self.neckline)
 
 
 @dataclass(frozen=True)
@@ -196,7 +202,8 @@ def load_scan(
         cause = f"only {kept} distinct points are left of {read} after cleaning and cropping"
         remedy = "Check wire and upper line; raise scan.outliers (null keeps all points), or scan more densely"
         raise InputError(path, cause, remedy)
-    bare = None if neckline is None else gaps(cleaned.points, cleaned.dense, _closed(frame.to_cup(line), neckline))
+    used = cleaned.points[along_curve(cleaned.points)]
+    bare = None if neckline is None else gaps(used, cleaned.dense, _closed(frame.to_cup(line), neckline))
     notes += _gap_notes(path, bare)
     if neckline_origin == "built":
         notes.append(f"{path.name}: no upper line given: it is built from the wire's ends and the strap point")
@@ -212,7 +219,7 @@ def load_scan(
         name=path.stem if name is None else name,
         path=path,
         side=marks.side,
-        points=cleaned.points,
+        points=used,
         wire=frame.to_cup(line),
         neckline=neckline,
         strap_point=_mark(frame, marks, "strap_point"),
@@ -223,7 +230,7 @@ def load_scan(
         units=said,
         origin=Origin(marks_origin, wire_origin, guessed, neckline_origin),
         notes=tuple(notes),
-        assumed=bare.places if bare is not None and bridge else np.empty((0, 3)),
+        assumed=bare.places[along_curve(bare.places)] if bare is not None and bridge else np.empty((0, 3)),
         removed=_own(tidied.removed, placed) if added else tidied.removed,
         gap_share=None if bare is None else bare.share,
     )

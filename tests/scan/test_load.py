@@ -45,7 +45,8 @@ def test_a_breast_comes_back_in_the_cup_frame(tmp_path):
     path = write_posed(tmp_path, "a", lambda p: p @ rotation(3).T + [100, 1300, 50])
     scan = load_scan(path, points=None, outliers=None)
     expected = cup_frame_points()
-    np.testing.assert_allclose(scan.points, expected[np.lexsort(expected.T[::-1])], atol=1e-9)
+    expected = expected[np.lexsort(expected.T[::-1])]
+    np.testing.assert_allclose(scan.points[np.lexsort(scan.points.T[::-1])], expected, atol=1e-9)
     truth = cup_frame_landmarks()
     np.testing.assert_allclose(scan.wire, truth["wire"], atol=1e-9)
     np.testing.assert_allclose(present(scan.neckline), truth["upper_line"], atol=1e-9)
