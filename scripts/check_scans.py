@@ -7,7 +7,7 @@ FOLDER holds `breasts/` (clean breasts with landmark files), `scans/` (simulated
 file names the breast they were made of in scan.simulated_from) and `torsos/` (meshes named as the breasts). The parts:
 
     given       scans with their landmarks and wire, against the fit of the clean breast
-    missing     the same from clean points, so that nothing but the missing data differs
+    missing     the same from clean points where the scan has some, bridged like a scan
     wire        the wire detected, against the given one
     proposed    torsos without landmarks, against the given ones
     sides       left and right of symmetric bodies, and exact mirror images
@@ -57,6 +57,7 @@ from brafit.scan import (
 from brafit.scan.checks import polyline_length
 from brafit.scan.frame import evenly_spaced
 from brafit.scan.gaps import gaps
+from brafit.scan.order import along_curve
 from brafit.scan.synthetic import on_panels
 
 PANELS = (2, 3)
@@ -83,6 +84,12 @@ def fitted(targets: Sequence[Target], panels: int) -> list[CupFit]:
         config = compose("config", overrides=[f"cup.panels={panels}"])
     cup = partial(StripsCup, **{key: value for key, value in config.cup.items() if not key.startswith("_")})
     return fit_targets(targets, cup, instantiate(config.solver), instantiate(config.condition), restarts=RESTARTS)
+
+
+def drawn(points: np.ndarray, count: int = 2000) -> np.ndarray:
+    """A random draw of points, in the order of a scan's."""
+    chosen = points[np.random.default_rng(0).permutation(len(points))[:count]]
+    return chosen[along_curve(chosen)]
 
 
 def samples(shape: CupShape, count: int = 6000) -> np.ndarray:
@@ -179,16 +186,18 @@ def report_given(folder: Path, _: Path) -> None:
 
 
 def report_missing(folder: Path, _: Path) -> None:
-    print("\nclean points where the scan has some too: mm RMS from the clean fit where data are, 2 and 3 panels")
+    print(
+        "\nclean points where the scan has some too, bridged: mm RMS from the clean fit where data are, 2 and 3 panels"
+    )
     pairs = simulated(folder)
     clean = [load_scan(path) for _, path in pairs]
     cut = []
     for (path, breast), scan in zip(pairs, clean, strict=True):
         whole, own = load_scan(breast, points=None, outliers=None), load_scan(path)
         near = KDTree(own.dense).query(whole.points)[0] < 3.0
-        kept = whole.points[near]
-        chosen = np.random.default_rng(0).permutation(len(kept))[:2000]
-        cut.append((replace(scan, points=kept[chosen], dense=own.dense), 1 - float(near.mean())))
+        kept = drawn(whole.points[near])
+        assumed = gaps(kept, own.dense, _there(scan.curve)).places
+        cut.append((replace(scan, points=kept, dense=own.dense, assumed=assumed), 1 - float(near.mean())))
     for panels in PANELS:
         fits = fitted([target_of(scan) for scan in (*clean, *(scan for scan, _ in cut))], panels)
         for (scan, share), best, own in zip(cut, fits[: len(cut)], fits[len(cut) :], strict=True):
@@ -397,9 +406,8 @@ HOLES: dict[str, Callable[[np.ndarray, Scan], np.ndarray]] = {
 def _holed(path: Path, cut: Callable[[np.ndarray, Scan], np.ndarray]) -> Scan:
     whole = load_scan(path, points=None, outliers=None)
     kept = whole.points[~cut(whole.points, whole)]
-    chosen = np.random.default_rng(0).permutation(len(kept))[:2000]
-    curve = np.concatenate([whole.wire, _there(whole.neckline)[::-1][1:-1]])
-    return replace(whole, points=kept[chosen], dense=kept, assumed=gaps(kept[chosen], kept, curve).places)
+    points = drawn(kept)
+    return replace(whole, points=points, dense=kept, assumed=gaps(points, kept, _there(whole.curve)).places)
 
 
 def report_lines(folder: Path, _: Path) -> None:

@@ -14,7 +14,7 @@ REACH = 5.0
 """A place of the cup farther than this (mm) from every point has no data."""
 NEIGHBOURS = 16
 """Neighbours that bound a point's cell."""
-RAYS = 48
+RAYS = 32
 """Directions in which a cell is measured."""
 WIDE, OPEN = 2.0, 1.0
 """How far a cell reaches where no neighbour bounds it, in spacings of the cloud: where wire and neckline bound it, and
@@ -54,9 +54,7 @@ def cell_areas(
     across it does not count. Along a direction u it ends at min |f|^2 / (2 f.u) over the neighbours at f, or at WIDE or
     OPEN spacings. The mirror images of points in the curve are neighbours too, so that cells end at the curve.
     """
-    distances = np.asarray(KDTree(points).query(points, k=7)[0])[:, 1:]
-    spacing = float(np.median(distances.mean(axis=1)))
-    reach = (OPEN if curve is None else WIDE) * spacing
+    reach = (OPEN if curve is None else WIDE) * spacing_of(points)
     alone = np.ones(len(points))
     every = points
     if curve is not None:
@@ -80,6 +78,12 @@ def cell_areas(
         bound = np.divide(2 * flat, square, out=np.zeros_like(flat), where=square > 0) @ rays
         area[part] = (1 / np.maximum(bound.max(axis=1), 1 / max(reach, 1e-12)) ** 2).sum(axis=1)
     return area * alone * (np.pi / RAYS)
+
+
+def spacing_of(points: Float[np.ndarray, "n 3"]) -> float:
+    """Typical distance of an evenly spread cloud's points to the nearest six."""
+    count = min(7, len(points))
+    return float(np.median(np.asarray(KDTree(points).query(points, k=count)[0])[:, 1:].mean(axis=1)))
 
 
 def nearest_on(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "n 3"]:

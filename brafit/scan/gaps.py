@@ -17,6 +17,8 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import KDTree
 
+from brafit.scan.coverage import spacing_of
+
 GAP = 4.0
 """A gap begins at this distance (mm) from every point, or at SPARSE times the cloud's spacing."""
 SPARSE = 2.0
@@ -50,7 +52,7 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
         dense: all of the breast, before thinning: where there are data.
         curve: the closed curve of wire and upper line.
     """
-    spacing = _spacing(points)
+    spacing = spacing_of(points)
     reach = max(GAP, SPARSE * spacing)
     chart = _Chart.about(points, curve)
     place, radius = chart.flat(points)
@@ -104,12 +106,6 @@ class _Chart:
     def area(self, places: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
         """Of the surface about places of an even grid, up to a factor."""
         return np.asarray(radius) ** 2 * np.sinc(np.linalg.norm(places, axis=1) / np.pi)
-
-
-def _spacing(points: np.ndarray) -> float:
-    """Typical distance of an evenly spread cloud's points to the nearest six."""
-    count = min(7, len(points))
-    return float(np.median(np.asarray(KDTree(points).query(points, k=count)[0])[:, 1:].mean(axis=1)))
 
 
 def _within(polygon: np.ndarray, step: float) -> np.ndarray:
