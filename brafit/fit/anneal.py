@@ -18,7 +18,7 @@ from brafit.fit.solver import Callback, Solution, Step
 
 OPTIMISERS = ("adam", "lbfgs")
 LOOKS = 3
-"""How often the barrier may be raised."""
+"""How often the weights of barrier and neckline may be raised."""
 
 
 @dataclass(frozen=True)
@@ -76,12 +76,15 @@ class Anneal:
         grid = objective
         for _ in range(LOOKS if objective.cup.exact else 0):
             left = (~run.diverged).nonzero()[:, 0]
-            low = objective.select(left).margins(run.place[left]) < objective.conditions.margin
-            if not low.any():
+            part, place = objective.select(left), run.place[left]
+            low, factor = part.margins(place) < objective.conditions.margin, part.neckline_factor(place)
+            wanting = low | (factor > 1)
+            if not wanting.any():
                 break
             run.barrier[left[low]] *= 10
+            run.neckline[left] *= factor[:, None]
             grid = grid.finer()
-            self._stage(run, grid, "barrier", self.stages[-1], left[low], callback)
+            self._stage(run, grid, "raised", self.stages[-1], left[wanting], callback)
         live = (~run.diverged).nonzero()[:, 0]
         penalty = self.stages[-1].penalty
         if len(live):
@@ -90,7 +93,7 @@ class Anneal:
             ResultCode.DIVERGED if d else ResultCode.CONVERGED if c else ResultCode.STEP_LIMIT
             for d, c in zip(run.diverged.tolist(), run.converged.tolist(), strict=True)
         ]
-        return Solution(run.place, codes, run.evaluations, Pressure(penalty, run.multipliers, run.barrier))
+        return Solution(run.place, codes, run.evaluations, run.pressure(penalty))
 
     def _stage(
         self, run: "_Run", objective: Objective, name: str, stage: Stage, live: Tensor, callback: Callback | None
@@ -140,6 +143,7 @@ class _Run:
     converged: Tensor
     evaluations: Tensor
     barrier: Tensor
+    neckline: Tensor
     multipliers: dict[str, Tensor]
     total: int
     done: int = 0
@@ -147,10 +151,12 @@ class _Run:
     @staticmethod
     def of(start: Tensor, total: int) -> "_Run":
         no = torch.zeros(len(start), dtype=torch.bool, device=start.device)
-        return _Run(start.clone(), no, no.clone(), no.long(), torch.ones_like(start[:, :1]), {}, total)
+        ones = torch.ones_like(start[:, :1])
+        return _Run(start.clone(), no, no.clone(), no.long(), ones, ones.clone(), {}, total)
 
-    def pressure(self, penalty: float, live: Tensor) -> Pressure:
-        return Pressure(penalty, {k: v[live] for k, v in self.multipliers.items()}, self.barrier[live])
+    def pressure(self, penalty: float, live: Tensor | None = None) -> Pressure:
+        whole = Pressure(penalty, self.multipliers, self.barrier, self.neckline)
+        return whole if live is None else whole.select(live)
 
 
 def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pressure) -> Float[Tensor, "batch size"]:

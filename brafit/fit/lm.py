@@ -80,7 +80,9 @@ class LM:
     Args:
         stages: the schedule (`LMStage`s or mappings with their fields).
         margin: tolerance below the conditions' regularity margin at which the barrier is raised for a problem, tenfold
-            each time, and its fit repeated on a finer grid.
+            each time, and its fit repeated on a finer grid. So it is where the upper edge is beyond
+            `Conditions.neckline_limit`, with the neckline's weight raised; that is looked at after earlier stages
+            with all terms free as well.
         apart: how far above the best, in parts of it, the objective of a start must be to count as another optimum.
     """
 
@@ -97,7 +99,7 @@ class LM:
         value = torch.full_like(start[:, 0], torch.inf)
         codes = [ResultCode.DIVERGED] * batch
         steps = torch.zeros(batch, dtype=torch.long, device=start.device)
-        barrier = torch.ones_like(start[:, :1])
+        barrier, neckline = torch.ones_like(start[:, :1]), torch.ones_like(start[:, :1])
         multipliers: dict[str, Tensor] = {}
         total, done = sum(s.steps for s in self.stages), 0
         notes: list[list[str]] = [[] for _ in range(batch)]
@@ -107,7 +109,8 @@ class LM:
             running, grid = live, objective
             for _ in range(LOOKS + 1 if last else 1):
                 part, place[running] = staged(grid.select(running), place[running], stage)
-                pressure = Pressure(stage.penalty, {k: v[running] for k, v in multipliers.items()}, barrier[running])
+                kept = {k: v[running] for k, v in multipliers.items()}
+                pressure = Pressure(stage.penalty, kept, barrier[running], neckline[running])
                 tell = partial(_tell, callback, f"{number + 1} lm", done, total)
                 ending = minimise(part, place[running], pressure, stage, tell)
                 place[running], value[running] = ending.place, ending.value
@@ -116,12 +119,17 @@ class LM:
                 for row, diverged, converged in flags:
                     code = ResultCode.CONVERGED if converged else ResultCode.STEP_LIMIT
                     codes[row] = ResultCode.DIVERGED if diverged else code
+                if not last and stage.terms is not None:
+                    break
+                factor = part.neckline_factor(ending.place)
+                neckline[running] *= factor[:, None]
                 if not last:
                     break
-                running = running[part.margins(ending.place) < objective.conditions.margin - self.margin]
+                low = part.margins(ending.place) < objective.conditions.margin - self.margin
+                barrier[running[low]] *= 10
+                running = running[low | (factor > 1)]
                 if len(running) == 0:
                     break
-                barrier[running] *= 10
                 grid = grid.finer()
             for name, residual in objective.constraints(objective.cup.sketch(place)).items():
                 kept = multipliers.setdefault(name, torch.zeros_like(residual))
@@ -131,7 +139,7 @@ class LM:
             if stage.keep is not None:
                 final = stage.keep == min(s.keep for s in self.stages if s.keep is not None)
                 live = self._drop(live, value, objective.groups, stage.keep, codes, notes if final else None)
-        pressure = Pressure(self.stages[-1].penalty, multipliers, barrier)
+        pressure = Pressure(self.stages[-1].penalty, multipliers, barrier, neckline)
         return Solution(close(objective, place, pressure), codes, steps, pressure, notes)
 
     def _drop(

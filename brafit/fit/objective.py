@@ -27,6 +27,7 @@ GUIDING = 0.4
 """Weight of the mean squared distance between edges and guides, each way."""
 RIM_SPACINGS = 2.5
 """Spacings of the cloud's points within which the upper edge is on the cloud."""
+_SPARE = 1.15
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class Conditions:
         points: loss of the point distances: l2, l1 (31) or robust.
         points_width: rounding of l1 and scale of robust, mm.
         neckline: weight of the mean squared distance between upper edge and neckline, each way.
+        neckline_limit: mean distance between upper edge and neckline, mm, above which that weight is raised for a scan
+            (exact cups only).
         rim: weight of the mean squared distance by which the upper edge leaves the cloud, where no neckline is given.
         connection: k1 of the fuzzy condition (42) that draws the upper edge to the strap point.
         connection_width: 1 / sqrt(k2), mm: within it the condition is nearly free, beyond it steep.
@@ -50,9 +53,10 @@ class Conditions:
 
     points: str = "l2"
     points_width: float = 0.5
-    neckline: float = 0.3
+    neckline: float = 0.22
+    neckline_limit: float = 0.8
     rim: float = 0.1
-    connection: float = 0.01
+    connection: float = 0.002
     connection_width: float = 20.0
     ridge_apex: float = 0.0
     ridge_apex_width: float = 10.0
@@ -63,7 +67,7 @@ class Conditions:
 
     def __post_init__(self) -> None:
         point_loss(self.points, 1.0)
-        for name in ("points_width", "connection_width", "ridge_apex_width", "margin_width"):
+        for name in ("points_width", "neckline_limit", "connection_width", "ridge_apex_width", "margin_width"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"condition.{name} must be positive, got {getattr(self, name)}")
 
@@ -96,17 +100,18 @@ class Block:
 class Pressure:
     """How hard the constraints press: penalty mu and multipliers lambda of lambda c + mu/2 c^2, per constraint.
 
-    The multipliers make the constraints hold without an endless penalty (the multiplier method). `barrier` multiplies
-    the weight of the regularity barrier, problem by problem.
+    The multipliers make the constraints hold without an endless penalty (the multiplier method). `barrier` and
+    `neckline` multiply the weights of the regularity barrier and of the neckline, problem by problem.
     """
 
     penalty: float
     multipliers: dict[str, Tensor] = field(default_factory=dict)
     barrier: Float[Tensor, "batch 1"] | float = 1.0
+    neckline: Float[Tensor, "batch 1"] | float = 1.0
 
     def select(self, index: Tensor) -> "Pressure":
-        barrier = self.barrier[index] if isinstance(self.barrier, Tensor) else self.barrier
-        return Pressure(self.penalty, {k: v[index] for k, v in self.multipliers.items()}, barrier)
+        factors = (f[index] if isinstance(f, Tensor) else f for f in (self.barrier, self.neckline))
+        return Pressure(self.penalty, {k: v[index] for k, v in self.multipliers.items()}, *factors)
 
 
 @dataclass(frozen=True)
@@ -187,6 +192,20 @@ class Objective:
         shape = self.cup.shape_of(flat)
         return regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions).amin((-2, -1))
 
+    @torch.no_grad()
+    def neckline_factor(self, flat: Flat) -> Float[Tensor, " batch"]:
+        """By how much to raise the neckline's weight: the mean distance between upper edge and neckline, both ways, over
+        its limit, with some to spare, since the distance falls about as the weight grows. 1 where it is within the
+        limit, where there is no neckline, and for cups that are not exact.
+        """
+        if not self.cup.exact or self.conditions.neckline == 0:
+            return torch.ones_like(self.targets.scale)
+        shape, line = self.cup.sketch(flat), self.targets.neckline
+        there = gaps_to_line(shape, -1, line).vectors.norm(dim=-1) @ station_weights(shape.stations)
+        back = gaps_to_points(shape, -1, line).vectors.norm(dim=-1).mean(-1)
+        excess = 0.5 * (there + back) * self.targets.scale / self.conditions.neckline_limit
+        return torch.where(self.targets.has_neckline & (excess > 1), _SPARE * excess, 1.0)
+
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:
         """Nearest points of the targets' clouds on the cups."""
         edges, tangents = shape.edges.detach(), shape.tangents.detach()
@@ -208,7 +227,7 @@ class Objective:
     def blocks(self, flat: Flat, shape: CupShape, pressure: Pressure) -> list[Block]:
         """All residuals but the points', constraints last."""
         c = self.conditions
-        blocks = self._guided_edges(shape) if self.guiding else self._wanted_edges(shape)
+        blocks = self._guided_edges(shape) if self.guiding else self._wanted_edges(shape, pressure)
         if c.barrier > 0:
             margin = regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions).flatten(1)
             short = shortfall(margin, c.margin, c.margin_width)
@@ -231,16 +250,16 @@ class Objective:
             blocks += _pulls(f"edge {i}", "guide", shape, there, back, GUIDING)
         return blocks
 
-    def _wanted_edges(self, shape: CupShape) -> list[Block]:
+    def _wanted_edges(self, shape: CupShape, pressure: Pressure) -> list[Block]:
         """What the landmarks ask of the edges."""
         c, targets, blocks = self.conditions, self.targets, []
         unit, has_strap = targets.scale[:, None], targets.has_connection[:, None].to(targets.points)
         # one search for the neckline's points and the strap point
         wanted = gaps_to_points(shape, -1, torch.cat((targets.neckline, targets.connection[:, None]), dim=1))
         if c.neckline > 0:
-            has = targets.has_neckline[:, None].to(targets.points)
+            weight = c.neckline * pressure.neckline * targets.has_neckline[:, None].to(targets.points)
             there = gaps_to_line(shape, -1, targets.neckline)
-            blocks += _pulls("edge", "neckline", shape, there, wanted.part(slice(None, -1)), c.neckline * has)
+            blocks += _pulls("edge", "neckline", shape, there, wanted.part(slice(None, -1)), weight)
         if c.rim > 0 and targets.sheet.shape[1] > 0:
             blocks.append(self._rim(shape))
         if c.connection > 0:

@@ -9,6 +9,7 @@ from cups import half_circle, lune_frames, near
 
 from brafit.cup import Cup, StripsCup, Wire
 from brafit.fit import LM, Conditions, LMStage, ResultCode, Target
+from brafit.fit.measure import upper_edge_gap
 from brafit.fit.normal import normal_equations
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.targets import Targets
@@ -154,3 +155,24 @@ def test_strips_need_no_closing():
     cup = StripsCup(half_circle())
     assert cup.closure(cup()) is None
     assert cup.constraints(cup()) == {}
+
+
+def test_the_neckline_weighs_more_only_where_the_upper_edge_is_too_far():
+    """Of two scans with the same cloud, one whose neckline lies off it and one whose neckline fits."""
+    cup = strips(2)
+    cloud = quarter_sphere(300, 1.0, np.random.default_rng(0)).numpy()
+    angle = np.linspace(0, math.pi, 60)
+    fitting = np.stack([0 * angle, 1 - np.cos(angle), np.sin(angle)], axis=1)
+    off = fitting + 0.5 * np.sin(angle)[:, None] ** 2 * [0.0, 0.0, 1.0]
+    targets = against(cup, [cloud, cloud], [off, fitting])
+    gaps, points = [], []
+    for limit in (10.0, 0.025):
+        objective = Objective(cup, targets, Conditions(neckline_limit=limit, connection=0.0, smoothness=1e-6))
+        solution = LM(STAGES).solve(objective, cup.flatten().detach(), None)
+        shape = cup.shape_of(solution.flat)
+        lines = zip(shape.edges[:, -1], map(torch.as_tensor, (off, fitting)), strict=True)
+        gaps.append([upper_edge_gap(edge, line) for edge, line in lines])
+        points.append(solution.flat)
+    assert gaps[0][0] > 0.03 and gaps[1][0] < 0.026, gaps
+    assert gaps[0][1] < 0.025
+    torch.testing.assert_close(points[0][1], points[1][1], rtol=0, atol=0)
