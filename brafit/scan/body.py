@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from brafit.errors import InputError
 from brafit.scan.clean import averaged, inliers, tidy
 from brafit.scan.crease import Wire, concavity, laid, trace
-from brafit.scan.crop import mean_normal, neckline_over
+from brafit.scan.crop import facing, neckline_over
 from brafit.scan.landmarks import SIDES, Landmarks, landmarks_path
 from brafit.scan.surface import Surface, settle
 from brafit.scan.symmetry import mirror_of
@@ -34,12 +34,15 @@ BREAST_OUT = (25.0, 160.0)
 """Distance of an apex from the mirror plane, mm."""
 PROTRUDING = np.array([0.42, 0.09, 0.90])
 """Direction (outwards, up, front) in which an apex sticks out farthest."""
-CAP = 4.0
-AREOLA, CONVEX = 20.0, 0.03
-"""Radius (mm) in which the apex is the centre of what is convex, and how convex."""
-STRAP_UP, STRAP_OUT = 0.97, (0.762, 0.6, 0.46)
-"""The strap point's height above the wire's bottom over the span; its place along the chord over the span: mean, and
-slope by the apex's place less that one's mean."""
+CAP = 3.0
+"""Height (mm) of the cap that is looked at there."""
+AREOLA, CONVEX = (20.0, 15.0), 0.03
+"""Radii (mm) in which the apex is sought as the centre of what is convex, and how convex."""
+STRAP_UP = 1.002
+"""The strap point's height above the wire's bottom, over the span: in 14 breasts within 0.004."""
+SHOULDER_OUT, SHOULDER_UP, SHOULDER_BACK = 124.0, (170.0, 240.0), (-230.0, -130.0)
+"""The middle of the shoulder, mm: distance from the mirror plane (mean of 14, spread 6), and where it can lie above and
+behind the apex."""
 MIN_HOLLOW = 0.012
 """Less concavity along the wire found than this is no breast."""
 BREAST_AXES = np.array([[0.18, -0.95, 0.23], [0.88, 0.05, -0.47], [0.43, 0.28, 0.85]])
@@ -195,8 +198,8 @@ def _candidates(points: np.ndarray) -> list[Body]:
 def _breast(points: np.ndarray, body: Body, side: str) -> _Breast:
     apex, surface = _apex(points, body, side)
     wire = _wire(surface, apex, body, side)
-    strap = _strap(surface, wire.wire, apex, body, side)
-    front = mean_normal(surface, apex, 12.0)
+    front = facing(wire.wire, body.front)
+    strap = _strap(surface, wire.wire, apex, _shoulder(points, apex, body, side), front, body)
     upper = neckline_over(surface, wire.wire[0], strap, wire.wire[-1], front)
     return _Breast(body, side, apex, wire, strap, upper)
 
@@ -212,7 +215,7 @@ def _about(points: np.ndarray, place: np.ndarray, outward: np.ndarray, dense: in
 
 
 def _apex(points: np.ndarray, body: Body, side: str, dense: int = DENSE) -> tuple[np.ndarray, Surface]:
-    """The bust point: the middle of the cap that sticks out farthest, then of what is most convex there."""
+    """The bust point: between the middle of the cap that sticks out farthest and that of what is most convex there."""
     axes = body.outwards(side)
     offset = body.offset if side == "left" else -body.offset
     out = points @ axes[0] - offset
@@ -227,13 +230,17 @@ def _apex(points: np.ndarray, body: Body, side: str, dense: int = DENSE) -> tupl
     cap = candidate[reach > np.quantile(reach, 0.9995) - CAP]
     apex = np.median(cap, axis=0)
     surface = _about(points, apex, body.front, dense)
+    foremost = surface.points[np.linalg.norm(surface.points - apex, axis=1) < AREOLA[0]]
+    reach = foremost @ direction
+    cap_middle = foremost[reach > np.quantile(reach, 0.99) - CAP].mean(axis=0)
     convex = np.clip(-concavity(surface, max(8.0, 3 * surface.spacing)) - CONVEX, 0, None)
-    for _ in range(12):
-        near = np.linalg.norm(surface.points - apex, axis=1) < AREOLA
+    for radius in np.repeat(AREOLA, 12):
+        near = np.linalg.norm(surface.points - apex, axis=1) < radius
         total = convex[near].sum()
         if total <= 0:
             break
         apex = (convex[near, None] * surface.points[near]).sum(axis=0) / total
+    apex = (apex + cap_middle) / 2
     apex = settle(surface, apex[None], max(6.0, 2 * surface.spacing))[0][0]
     return apex, surface
 
@@ -258,11 +265,17 @@ def wire_about(
 
 
 def wire_laid(
-    points: Float[np.ndarray, "n 3"], body: Body, side: str, apex: Float[np.ndarray, "3"], arc: Float[np.ndarray, "k 2"]
+    points: Float[np.ndarray, "n 3"],
+    body: Body,
+    side: str,
+    apex: Float[np.ndarray, "3"],
+    arc: Float[np.ndarray, "k 2"],
+    ends: Float[np.ndarray, "2 3"] | None = None,
 ) -> Wire:
     """A rigid planar wire (depth below its chord, place along it) laid best under this apex (scan's frame, mm)."""
     surface, axes = _about(points, apex, body.front, DENSE), body.breast_axes(side)
-    found = laid(Surface((surface.points - apex) @ axes.T, surface.normals @ axes.T, surface.spacing), arc)
+    local = Surface((surface.points - apex) @ axes.T, surface.normals @ axes.T, surface.spacing)
+    found = laid(local, arc, None if ends is None else (ends - apex) @ axes.T)
     return Wire(found.wire @ axes + apex, found.guessed, found.hollow)
 
 
@@ -275,23 +288,40 @@ def _lowest(wire: np.ndarray, up: np.ndarray) -> np.ndarray:
     return wire[(wire @ up).argmin()]
 
 
-def _strap(surface: Surface, wire: np.ndarray, apex: np.ndarray, body: Body, side: str) -> np.ndarray:
-    """Where the strap meets the upper line: by the span, above the wire's bottom and along its chord."""
-    chord = wire[-1] - wire[0]
-    span = float(np.linalg.norm(chord))
-    mean, slope, usual = STRAP_OUT
-    along = np.clip(mean + slope * (float((apex - wire[0]) @ chord) / span**2 - usual), 0.5, 0.95) * span**2
+def _shoulder(points: np.ndarray, apex: np.ndarray, body: Body, side: str) -> np.ndarray:
+    """The middle of the shoulder: the top of the body there."""
     outwards, up, front = body.outwards(side)
-    place = wire[0] + 0.5 * chord
-    place = place + (STRAP_UP * span - (place - _lowest(wire, up)) @ up) * up
-    # Outwards until the place along the chord is right, as deep as the body is there: the foremost surface.
-    for _ in range(8):
-        place = place + (along - (place - wire[0]) @ chord) / (outwards @ chord) * outwards
+    out = points @ outwards - (body.offset if side == "left" else -body.offset)
+    away = points - apex
+    rise, depth = away @ up, away @ front
+    there = np.abs(out - SHOULDER_OUT) < 10.0
+    there &= (rise < SHOULDER_UP[1] + 20) & (depth > SHOULDER_BACK[0] - 20) & (depth < SHOULDER_BACK[1] + 20)
+    top, back = np.mean(SHOULDER_UP), np.mean(SHOULDER_BACK)
+    if there.sum() >= 20:
+        top = np.quantile(rise[there], 0.99)
+        back = np.median(depth[there & (rise > top - 4)])
+    beyond = SHOULDER_OUT - float(apex @ outwards - (body.offset if side == "left" else -body.offset))
+    return apex + beyond * outwards + np.clip(top, *SHOULDER_UP) * up + np.clip(back, *SHOULDER_BACK) * front
+
+
+def _strap(
+    surface: Surface, wire: np.ndarray, apex: np.ndarray, shoulder: np.ndarray, front: np.ndarray, body: Body
+) -> np.ndarray:
+    """Where the strap meets the upper line: STRAP_UP of the span above the wire's bottom, in the plane through apex and
+    the middle of the shoulder that holds the direction `front`, which a strap follows.
+    """
+    span = float(np.linalg.norm(wire[-1] - wire[0]))
+    height = float(_lowest(wire, body.up) @ body.up) + STRAP_UP * span
+    way = shoulder - apex
+    place = apex + (height - apex @ body.up) / (way @ body.up) * way
+    for _ in range(6):
         away = surface.points - place
-        aside = np.hypot(away @ outwards, away @ up)
+        ahead = away @ front
+        aside = np.linalg.norm(away - ahead[:, None] * front, axis=1)
         ray = (aside < max(8.0, 3 * surface.spacing)) & (surface.normals @ front > 0)
         if not ray.any():
             return surface.points[KDTree(surface.points).query(place)[1]]
-        foremost = away[ray] @ front
-        place = place + np.median(foremost[foremost > foremost.max() - 8.0]) * front
+        step = np.median(ahead[ray][ahead[ray] > ahead[ray].max() - 8.0]) * front
+        # Along the plane, then back to the height within it.
+        place = place + step - (step @ body.up) / (way @ body.up) * way
     return settle(surface, place[None], max(6.0, 2 * surface.spacing))[0][0]

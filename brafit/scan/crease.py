@@ -2,7 +2,8 @@
 
 All of it works in a breast frame: x down along the chest, y outwards, z out of the chest, origin at the apex, mm; right
 breasts mirrored. A curve of a wire's usual shape is first placed where it runs along hollow places best, then drawn to
-the bottom of the hollow station by station, and kept to the smooth shape where there is none.
+the bottom of the hollow, first as it is seen from in front, then in sections (`brafit.scan.fold`). The ends are cut
+off by the rules that the given landmarks of 14 breasts follow to a millimetre or two.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from jaxtyping import Float
 from scipy import ndimage, optimize
 from scipy.spatial import KDTree
 
+from brafit.scan.fold import folds, rim, smoothed
 from brafit.scan.surface import Surface, settle
 
 SHAPE = np.array([
@@ -29,8 +31,22 @@ APEX_DOWN, APEX_OUT = (0.22, 0.05), (0.46, 0.07)
 """Where the apex lies in the wire's frame, over the span: below the chord and from the inner end."""
 BODY_UP = np.array([-0.958, 0.05, 0.28])
 """The body's upward direction in the breast frame."""
-ENDS_ABOVE_APEX = 9.0
-"""The middle of the wire's ends is at least so far above the apex, mm (in 14 breasts 8.7 to 21)."""
+RISE, ABOVE, TILT = 0.4345, 9.3, 0.05
+"""The middle of the wire's ends is so high above its bottom, over its span, but no lower than ABOVE mm above the apex
+(in 14 breasts within 0.01 and 0.6 mm); the outer end is higher than the inner one by TILT of the span (within 0.01)."""
+LEGS = np.array([[-32.0, -65.0], [-32.0, 76.5]])
+"""Where the ends usually are (x, y; mm), for creases that do not show: spread 7 and 10 mm across."""
+PLAIN = (0.04, 0.15)
+"""Strength from which on a crease counts, and how much more makes it count in full."""
+WINDOWS = (12.0, 9.0, 7.0, 6.0, 6.0)
+"""How far (mm) to either side of the line the crease is sought, round by round."""
+FIRST, LAID, USUAL, HELD = 0.005, 0.1, 1.0, 3.0
+"""Weights, against a plain crease's 1: of the first placing, of the surface where there is no crease, of each of LEGS,
+of ends that are given."""
+FITTINGS = 20
+"""Rounds of nearest points in which a rigid wire is laid on a crease."""
+OFF = 20.0
+"""A line farther than this (mm) from the surface is not laid on it."""
 PRIOR = 0.006
 """What one squared spread off the usual costs, in units of concavity."""
 SCALE, MOST = 11.0, 160
@@ -79,12 +95,6 @@ class _Placed:
         c, s = np.cos(angle), np.sin(angle)
         return np.stack([self.x + c * down - s * along, self.y + s * down + c * along], axis=1)
 
-    def raised(self, height: float) -> _Placed:
-        """With the same bottom and longer legs."""
-        angle = np.radians(self.turn)
-        x, y = self.x - height * np.cos(angle), self.y - height * np.sin(angle)
-        return _Placed(x, y, self.span, self.ratio + height / self.span, self.turn)
-
     def cost(self) -> float:
         """Squared spreads off the usual."""
         angle = np.radians(self.turn)
@@ -100,67 +110,82 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
 
     Args:
         surface: the points about the apex.
-        ends: inner and outer end, where they are known. Without them they follow from the usual shape, but are no
-            lower than ENDS_ABOVE_APEX.
+        ends: inner and outer end, where they are known. Without them they follow from RISE, ABOVE and TILT.
     """
     near = np.linalg.norm(surface.points, axis=1) < HALF
     surface = surface.select(near)
     hollow = concavity(surface, max(SCALE, 4 * surface.spacing))
     image = _image(surface.points, hollow)
-    placed = _place(image, ends)
-    line, measured, strength = _drawn(image, placed)
-    wire = _lifted(line, strength, ends, surface.points, hollow)
-    missing = ENDS_ABOVE_APEX - float((wire[[0, -1]] @ BODY_UP).mean())
-    if ends is None and missing > 0:
-        line, measured, strength = _drawn(image, placed.raised(missing))
-        wire = _lifted(line, strength, ends, surface.points, hollow)
+    drawn, strength = _drawn(image, _place(image, ends))
+    start = _lifted(drawn, strength, ends, surface.points, hollow)
+    tree = KDTree(surface.points)
+    line = start
+    for window in WINDOWS:
+        places, plain = folds(surface, tree, line, window)
+        counts = np.clip((plain - PLAIN[0]) / PLAIN[1], 0, 1)
+        level = settle(surface, line, max(8.0, 3 * surface.spacing), tree)[0]
+        bare = LAID * np.clip(1 - 3 * counts, 0, 1) * (np.linalg.norm(level - line, axis=1) < OFF)
+        known = _legs(surface, line, tree) if ends is None else ends
+        weights = [np.full(len(start), FIRST), counts, bare, np.full(2, USUAL if ends is None else HELD)]
+        line = rim(np.concatenate([start, places, level, known]), np.concatenate(weights), 0 if ends is None else 2)
+    wire = _even(_cut(_even(line, 1000), ends), STATIONS)
     if ends is not None:
         wire = _through(wire, ends)
-    wire = _onto(wire, measured, surface)
-    steps = np.linalg.norm(np.diff(wire, axis=0), axis=1)
-    weight = np.append(steps, 0) + np.append(0, steps)
-    guessed = float(weight[~measured].sum() / weight.sum())
-    return Wire(_even(wire, COUNT), guessed, float(np.clip(strength, 0, DEEPEST).mean()))
+    measured = folds(surface, tree, wire, WINDOWS[-1])[1] >= PLAIN[0]
+    return Wire(_even(wire, COUNT), float(1 - measured.mean()), float(np.clip(strength, 0, DEEPEST).mean()))
 
 
-def laid(surface: Surface, arc: Float[np.ndarray, "k 2"]) -> Wire:
-    """A rigid planar wire laid where it runs along hollow places best, in the plane that the chest makes under it.
+def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray, "2 3"] | None = None) -> Wire:
+    """A rigid planar wire laid on the crease that `trace` finds, as near to it as a rigid motion brings it: first place by
+    place from end to end, then by iterated nearest points.
 
     Args:
         surface: the points about the apex, in the breast frame.
         arc: the wire: depth below its chord and place along it, mm.
+        ends: inner and outer end of the crease, where they are known.
     """
-    surface = surface.select(np.linalg.norm(surface.points, axis=1) < HALF)
-    hollow = concavity(surface, max(SCALE, 4 * surface.spacing))
-    image = _image(surface.points, hollow)
-    span, depth = float(arc[-1, 1]), float(arc[:, 0].max())
-    shape = arc / np.array([depth, span])
-    starts = [
-        _Placed(-down * span + x, -out * span + y, span, depth / span, turn)
-        for down, out in ((APEX_DOWN[0], APEX_OUT[0]),)
-        for x in np.arange(-30.0, 31.0, 6.0)
-        for y in np.arange(-30.0, 31.0, 6.0)
-        for turn in (-8.0, 0.0, 8.0)
-    ]
+    found = trace(surface, ends)
+    crease, flat = _even(found.wire, 500), np.column_stack([arc, np.zeros(len(arc))])
+    tree = KDTree(crease)
+    placed = _rigid(flat, _even(found.wire, len(arc)))
+    for _ in range(FITTINGS):
+        near = np.asarray(tree.query(placed)[1])
+        within = (near > 0) & (near < len(crease) - 1)
+        if within.sum() < len(arc) / 2:
+            break
+        placed = _rigid(flat, crease[near], within)
+    return Wire(placed, found.guessed, found.hollow)
 
-    def score(placed: _Placed) -> float:
-        return float(_sample(image, placed.points(shape)).mean()) - PRIOR * placed.cost()
 
-    placed = max(starts, key=score)
-    line = placed.points(shape)
-    strength = _sample(image, line)
-    heights = _lifted(line, strength, None, surface.points, hollow)[:, 2]
-    # The plane through these heights, with the arc's own plan kept rigid in it.
-    slope = np.linalg.lstsq(np.column_stack([line, np.ones(len(line))]), heights, rcond=None)[0]
-    normal = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1 + slope[0] ** 2 + slope[1] ** 2)
-    bottom = np.append(line.mean(axis=0), heights.mean())
-    chord = np.append(line[-1] - line[0], 0.0)
-    along = chord - (chord @ normal) * normal
-    along /= np.linalg.norm(along)
-    down = np.cross(along, normal)
-    flat = arc - arc.mean(axis=0)
-    wire = bottom + flat[:, :1] * down + flat[:, 1:] * along
-    return Wire(wire, float((strength < HOLLOW).mean()), float(np.clip(strength, 0, DEEPEST).mean()))
+def _rigid(points: np.ndarray, aims: np.ndarray, used: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """Points moved rigidly so that those used come nearest to their aims (least squares, Kabsch)."""
+    middle, aim = points[used].mean(axis=0), aims[used].mean(axis=0)
+    u, _, v = np.linalg.svd((points[used] - middle).T @ (aims[used] - aim))
+    return (points - middle) @ u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v + aim
+
+
+def _legs(surface: Surface, line: np.ndarray, tree: KDTree) -> np.ndarray:
+    """Places on the surface where the ends usually are."""
+    near = KDTree(line[:, :2]).query(LEGS)[1]
+    return settle(surface, np.column_stack([LEGS, line[near, 2]]), max(8.0, 3 * surface.spacing), tree)[0]
+
+
+def _cut(line: np.ndarray, ends: np.ndarray | None) -> np.ndarray:
+    """The part between the ends: those given, or where the rules put them."""
+    if ends is not None:
+        first, last = np.sort(np.asarray(KDTree(line).query(ends)[1]))
+        return line[first : max(last, first + 2) + 1]
+    height = line @ BODY_UP
+    bottom = len(line) // 4 + int(height[len(line) // 4 : -len(line) // 4].argmin())
+    first, last, span = 0, len(line) - 1, SPAN[0]
+    for _ in range(12):
+        middle = max(ABOVE, height[bottom] + RISE * span)
+        inner = np.flatnonzero(height[:bottom] >= middle - TILT / 2 * span)
+        outer = np.flatnonzero(height[bottom:] >= middle + TILT / 2 * span)
+        first = int(inner[-1]) if len(inner) else 0
+        last = bottom + int(outer[0]) if len(outer) else len(line) - 1
+        span = float(np.linalg.norm(line[last] - line[first]))
+    return line[first : last + 1]
 
 
 def concavity(surface: Surface, radius: float) -> Float[np.ndarray, " n"]:
@@ -246,8 +271,8 @@ def _score(image: np.ndarray, placed: _Placed, prior: float = 1.0) -> float:
     return float(_sample(image, placed.points(SHAPE)).mean()) - prior * PRIOR * placed.cost()
 
 
-def _drawn(image: np.ndarray, placed: _Placed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The shape drawn to the bottom of the hollow: places (STATIONS, 2), whether there is a crease, its concavity."""
+def _drawn(image: np.ndarray, placed: _Placed) -> tuple[np.ndarray, np.ndarray]:
+    """The shape drawn to the bottom of the hollow: places (STATIONS, 2) and the concavity there."""
     line = _even(placed.points(SHAPE), STATIONS)
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -256,10 +281,9 @@ def _drawn(image: np.ndarray, placed: _Placed) -> tuple[np.ndarray, np.ndarray, 
     values = _sample(image, line[:, None] + offsets[:, None] * across[:, None])
     chosen = _smoothest(values - OFF_COST * (offsets / REACH) ** 2)
     strength = values[np.arange(STATIONS), chosen]
-    measured = strength >= HOLLOW
-    weight = np.where(measured, np.clip(strength, 0, DEEPEST) / DEEPEST, 0.0)
-    offset = _smoothed(offsets[chosen], weight, 30.0, 1e-2)
-    return line + offset[:, None] * across, measured, strength
+    weight = np.where(strength >= HOLLOW, np.clip(strength, 0, DEEPEST) / DEEPEST, 0.0)
+    offset = smoothed(offsets[chosen], weight, 30.0, 1e-2)
+    return line + offset[:, None] * across, strength
 
 
 def _smoothest(gain: np.ndarray) -> np.ndarray:
@@ -275,13 +299,6 @@ def _smoothest(gain: np.ndarray) -> np.ndarray:
     for before in reversed(best):
         path.append(int(before[path[-1]]))
     return np.array(path[::-1])
-
-
-def _smoothed(values: np.ndarray, weight: np.ndarray, stiffness: float, towards: float) -> np.ndarray:
-    """Whittaker's smoother: near the weighted values, second differences small, weakly drawn `towards` zero."""
-    second = np.diff(np.eye(len(values)), 2, axis=0)
-    system = np.diag(weight + towards) + stiffness * second.T @ second
-    return np.linalg.solve(system, weight * values)
 
 
 def _lifted(
@@ -303,7 +320,7 @@ def _lifted(
     plane = np.column_stack([line, np.ones(len(line))])
     root = np.sqrt(weight)
     level = plane @ np.linalg.lstsq(root[:, None] * plane, root * height, rcond=None)[0]
-    return np.column_stack([line, level + _smoothed(height - level, weight, 30.0, 1e-2)])
+    return np.column_stack([line, level + smoothed(height - level, weight, 30.0, 1e-2)])
 
 
 def _through(wire: np.ndarray, ends: np.ndarray) -> np.ndarray:
@@ -314,17 +331,6 @@ def _through(wire: np.ndarray, ends: np.ndarray) -> np.ndarray:
     fade = 0.2
     first, last = np.clip(1 - share / fade, 0, 1) ** 2, np.clip(1 - (1 - share) / fade, 0, 1) ** 2
     return wire + first * (ends[0] - wire[0]) + last * (ends[1] - wire[-1])
-
-
-def _onto(wire: np.ndarray, measured: np.ndarray, surface: Surface) -> np.ndarray:
-    """Places without a crease drawn onto the surface, where it is near and does not lead far away."""
-    placed, _ = settle(surface, wire, max(3 * surface.spacing, 6.0))
-    near = KDTree(surface.points).query(wire)[0] < max(8.0, 3 * surface.spacing)
-    on = near & (np.linalg.norm(placed - wire, axis=1) < 8.0) & ~measured
-    on[[0, -1]] = False
-    move = np.where(on[:, None], placed - wire, 0.0)
-    smooth = np.stack([_smoothed(column, np.where(on | measured, 1.0, 0.0), 2.0, 1e-2) for column in move.T], axis=1)
-    return wire + smooth
 
 
 def _even(line: np.ndarray, count: int) -> np.ndarray:

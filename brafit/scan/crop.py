@@ -16,6 +16,9 @@ COLLAR = 14.0
 """Points within this distance of the curve (mm) are told apart directly."""
 CONFIDENCE = 0.35
 """Least absolute value of the sine that decides on which side a point of the collar lies."""
+DOWN = np.radians(14.5)
+"""The direction that the planes of 14 given necklines share lies so far below the normal of the wire's plane, within
+6 degrees."""
 
 
 def crop(surface: Surface, curve: Float[np.ndarray, "k 3"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
@@ -58,22 +61,32 @@ def neckline_over(
 ) -> Float[np.ndarray, "m 3"]:
     """A neckline where none is given: from the inner end by the strap point to the outer end.
 
-    Each half is the section of the surface with the plane that holds the two points and the direction `front`, which is
-    how a tape lies that is held straight as seen from in front of the apex.
+    Each half is the section of the surface with the plane that holds the two points and the direction `front`. In 14
+    breasts the given necklines are such sections, to a thousandth of a millimetre.
 
     Args:
-        front: where the breast looks to: the mean normal about the apex.
+        front: where the breast looks to, see `facing`.
         count: points of each half.
     """
     halves = [_section(surface, a, b, front, count) for a, b in ((inner, strap), (strap, outer))]
     return np.concatenate([halves[0], halves[1][1:]])
 
 
-def mean_normal(surface: Surface, place: Float[np.ndarray, "3"], radius: float) -> Float[np.ndarray, "3"]:
-    """Unit mean of the normals within a radius (mm) of a place; of the nearest point where there is none."""
-    distance = np.linalg.norm(surface.points - place, axis=1)
-    mean = surface.normals[distance <= max(radius, float(distance.min()))].mean(axis=0)
-    return mean / np.linalg.norm(mean)
+def facing(wire: Float[np.ndarray, "k 3"], front: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """Where a breast looks to: the normal of the wire's plane, turned down by DOWN.
+
+    Args:
+        wire: the wire line, in any frame.
+        front: the side of the wire on which the breast is.
+    """
+    along = (wire[-1] - wire[0]) / np.linalg.norm(wire[-1] - wire[0])
+    centred = wire - wire.mean(axis=0)
+    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
+    normal = normal - (normal @ along) * along
+    normal /= np.linalg.norm(normal) * np.sign(normal @ front)
+    down = np.cross(along, normal)
+    down *= np.sign(down @ (wire.mean(axis=0) - (wire[0] + wire[-1]) / 2))
+    return np.cos(DOWN) * normal + np.sin(DOWN) * down
 
 
 def _section(surface: Surface, a: np.ndarray, b: np.ndarray, front: np.ndarray, count: int) -> np.ndarray:

@@ -23,7 +23,7 @@ from brafit.scan.body import (
 from brafit.scan.checks import check_scan, is_one_breast, polyline_length
 from brafit.scan.clean import Cleaning, Tidy, check_settings, finish, tidy
 from brafit.scan.crease import Wire
-from brafit.scan.crop import mean_normal, neckline_over
+from brafit.scan.crop import facing, neckline_over
 from brafit.scan.frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end
 from brafit.scan.gaps import Gaps, gaps
 from brafit.scan.landmarks import Landmarks, landmarks_path, read_landmarks
@@ -317,12 +317,12 @@ def _with_wire(cloud: Cloud, marks: Landmarks, wire: str | None) -> tuple[Landma
         return marks, _said(marks), None
     body, apex = _body_and_apex(cloud, marks)
     ends = [marks.points.get(name) for name in ("inner_end", "outer_end")]
+    both = None if ends[0] is None or ends[1] is None else np.stack([ends[0], ends[1]])
     if wire in (None, "detect"):
-        both = None if ends[0] is None or ends[1] is None else np.stack([ends[0], ends[1]])
         found, origin = wire_about(cloud.points, body, marks.side, apex, both), "detected"
     else:
         arc = wire_size(str(wire)).arc(WIRE_POINTS)
-        found, origin = wire_laid(cloud.points, body, marks.side, apex, arc), f"size {wire}"
+        found, origin = wire_laid(cloud.points, body, marks.side, apex, arc, both), f"size {wire}"
     changes = {"inner_end": found.wire[0], "outer_end": found.wire[-1], "apex": apex}
     upper = _joined(marks.upper_line, found)
     return replace(marks, wire=found.wire, upper_line=upper, points={**marks.points, **changes}), origin, found.guessed
@@ -459,10 +459,9 @@ def _neckline(wire: np.ndarray, marks: Landmarks, frame: CupFrame, tidied: Tidy)
     if strap is None:
         return None, "none"
     surface = tidied.surface or surface_of(tidied.points, np.array([0.0, 0.0, 1.0]))
-    apex = _mark(frame, marks, "apex")
-    front = np.array([0.0, 0.0, 1.0]) if apex is None else mean_normal(surface, apex, 12.0)
-    ends = frame.to_cup(wire[[0, -1]])
-    return neckline_over(surface, ends[0], strap, ends[1], front), "built"
+    line = frame.to_cup(wire)
+    front = facing(line, np.array([0.0, 0.0, 1.0]))
+    return neckline_over(surface, line[0], strap, line[-1], front), "built"
 
 
 def _said(marks: Landmarks) -> str:
