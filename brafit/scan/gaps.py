@@ -4,8 +4,8 @@ A fit that looks at the data only slides into a shadow: nothing there speaks aga
 its rim and the lines that bound the cup, and the fit sees places on that bridge. They count in no figure.
 
 The breast is seen from a place within it: each direction has a radius. Directions are drawn on a flat chart (azimuthal
-equidistant), where gaps are holes; in them the radius is a thin-plate spline through the points about them, wire and
-upper line.
+equidistant), where gaps are holes; in them the radius is a spline (kernel r^3, smoother than a thin
+plate, so that it goes on as the surface about the gap curves) through the points about them, wire and upper line.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ GAP = 4.0
 SPARSE = 2.0
 INWARDS = 0.25
 """Where it is seen from: the middle of the bounding lines, moved by this share towards the middle of the points."""
-RIM = 400
+RIM = 800
 """Points about a gap that its bridge is laid through."""
 SMOOTHING = 1e-2
 BOUNDS = 0.7
@@ -65,7 +65,7 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
         return Gaps(0.0, np.empty((0, 3)))
     near = np.argsort(KDTree(cells[bare]).query(place)[0], kind="stable")[:RIM]
     known, values = np.concatenate([place[near], rim]), np.log(np.concatenate([radius[near], rim_radius]))
-    spline = RBFInterpolator(*_distinct(known, values), smoothing=SMOOTHING)
+    spline = RBFInterpolator(*_distinct(known, values), smoothing=SMOOTHING, kernel="cubic")
     low, high = values.min() + np.log(BOUNDS), values.max() - np.log(BOUNDS)
     bridge = chart.space(cells[bare], np.exp(np.clip(spline(cells[bare]), low, high)))
     gap = KDTree(dense).query(bridge)[0] > reach
