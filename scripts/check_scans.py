@@ -211,7 +211,7 @@ def report_wire(folder: Path, _: Path) -> None:
     for path in [*paths, *sorted((folder / "torsos").glob("*.ply"))]:
         marks = read_landmarks(_marks_of(folder, path))
         found = []
-        for names in ({*marks.points}, {"apex"}):
+        for names in ({*marks.points}, {"apex", "strap_point"}):
             some = replace(
                 marks, wire=None, upper_line=None, points={k: v for k, v in marks.points.items() if k in names}
             )
@@ -220,7 +220,7 @@ def report_wire(folder: Path, _: Path) -> None:
         for wire, guessed in found:
             away = line_apart(wire, _there(marks.wire))
             parts.append(f"{rms(away):.2f} ({away.max():.1f}), {100 * (guessed or 0):.0f} %")
-        print(f"  {path.stem:12} {parts[0]};  with the apex only {parts[1]}")
+        print(f"  {path.stem:12} {parts[0]};  with apex and strap point only {parts[1]}")
 
 
 def _there(line: np.ndarray | None) -> np.ndarray:
@@ -231,8 +231,7 @@ def _there(line: np.ndarray | None) -> np.ndarray:
 def _wire_of(path: Path, marks: Landmarks) -> tuple[np.ndarray, float | None]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "marks.json")
-        strap = {} if "strap_point" in marks.points else {"strap_point": marks.points["apex"] + [0, 90.0, -60]}
-        file.write_text(landmarks_text([replace(marks, points={**marks.points, **strap})]), encoding="utf-8")
+        file.write_text(landmarks_text([marks]), encoding="utf-8")
         scan = load_scan(path, wire="detect", landmarks=file)
     return scan.frame.to_scan(scan.wire), scan.origin.wire_guessed
 

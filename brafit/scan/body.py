@@ -36,8 +36,8 @@ PROTRUDING = np.array([0.42, 0.09, 0.90])
 """Direction (outwards, up, front) in which an apex sticks out farthest."""
 CAP = 3.0
 """Height (mm) of the cap that is looked at there."""
-AREOLA, CONVEX = (20.0, 15.0), 0.03
-"""Radii (mm) in which the apex is sought as the centre of what is convex, and how convex."""
+AREOLA, CONVEX = 20.0, 0.03
+"""Radius (mm) in which the apex is sought, and how convex it is there."""
 STRAP_UP = 1.002
 """The strap point's height above the wire's bottom, over the span: in 14 breasts within 0.004."""
 SHOULDER_OUT, SHOULDER_UP, SHOULDER_BACK = 124.0, (170.0, 240.0), (-230.0, -130.0)
@@ -230,17 +230,17 @@ def _apex(points: np.ndarray, body: Body, side: str, dense: int = DENSE) -> tupl
     cap = candidate[reach > np.quantile(reach, 0.9995) - CAP]
     apex = np.median(cap, axis=0)
     surface = _about(points, apex, body.front, dense)
-    foremost = surface.points[np.linalg.norm(surface.points - apex, axis=1) < AREOLA[0]]
-    reach = foremost @ direction
-    cap_middle = foremost[reach > np.quantile(reach, 0.99) - CAP].mean(axis=0)
     convex = np.clip(-concavity(surface, max(8.0, 3 * surface.spacing)) - CONVEX, 0, None)
-    for radius in np.repeat(AREOLA, 12):
-        near = np.linalg.norm(surface.points - apex, axis=1) < radius
+    for _ in range(12):
+        near = np.linalg.norm(surface.points - apex, axis=1) < AREOLA
         total = convex[near].sum()
         if total <= 0:
             break
         apex = (convex[near, None] * surface.points[near]).sum(axis=0) / total
-    apex = (apex + cap_middle) / 2
+    cap = surface.points[np.linalg.norm(surface.points - apex, axis=1) < AREOLA]
+    if len(cap):
+        reach = cap @ direction
+        apex = (apex + cap[reach > np.quantile(reach, 0.99) - CAP].mean(axis=0)) / 2
     apex = settle(surface, apex[None], max(6.0, 2 * surface.spacing))[0][0]
     return apex, surface
 

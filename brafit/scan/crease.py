@@ -43,10 +43,13 @@ WINDOWS = (12.0, 9.0, 7.0, 6.0, 6.0)
 FIRST, LAID, USUAL, HELD = 0.005, 0.1, 1.0, 3.0
 """Weights, against a plain crease's 1: of the first placing, of the surface where there is no crease, of each of LEGS,
 of ends that are given."""
+FLAT = 0.02
+"""With what weight the line between ends that are given is drawn to their plane, where no crease shows."""
 FITTINGS = 20
 """Rounds of nearest points in which a rigid wire is laid on a crease."""
-OFF = 20.0
-"""A line farther than this (mm) from the surface is not laid on it."""
+OFF, BESIDE = 20.0, 5.0
+"""A line farther than OFF mm from the surface is not laid on it, nor one that would lie more than BESIDE mm from any
+point, over a hole."""
 PRIOR = 0.006
 """What one squared spread off the usual costs, in units of concavity."""
 SCALE, MOST = 11.0, 160
@@ -125,9 +128,11 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
         counts = np.clip((plain - PLAIN[0]) / PLAIN[1], 0, 1)
         level = settle(surface, line, max(8.0, 3 * surface.spacing), tree)[0]
         bare = LAID * np.clip(1 - 3 * counts, 0, 1) * (np.linalg.norm(level - line, axis=1) < OFF)
+        bare *= np.asarray(tree.query(level)[0]) < max(BESIDE, 2 * surface.spacing)
         known = _legs(surface, line, tree) if ends is None else ends
         weights = [np.full(len(start), FIRST), counts, bare, np.full(2, USUAL if ends is None else HELD)]
-        line = rim(np.concatenate([start, places, level, known]), np.concatenate(weights), 0 if ends is None else 2)
+        shown = np.concatenate([start, places, level, known]), np.concatenate(weights)
+        line = rim(*shown) if ends is None else rim(*shown, held=2, flat=FLAT)
     wire = _even(_cut(_even(line, 1000), ends), STATIONS)
     if ends is not None:
         wire = _through(wire, ends)
@@ -136,8 +141,8 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
 
 
 def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray, "2 3"] | None = None) -> Wire:
-    """A rigid planar wire laid on the crease that `trace` finds, as near to it as a rigid motion brings it: first place by
-    place from end to end, then by iterated nearest points.
+    """A rigid planar wire laid on the crease that `trace` finds, as near to it as a rigid motion brings it: first place
+    by place from end to end, then by iterated nearest points.
 
     Args:
         surface: the points about the apex, in the breast frame.

@@ -21,6 +21,8 @@ BAND = 3.0
 """Width (mm) of the bell with which a section's points are averaged."""
 NEAR, FAR = 5.0, 11.0
 """A sheet is judged by its points between these distances (mm) from the crease."""
+SHORE = 3
+"""Millimetres to both sides of the bottom in which there must be points."""
 CHEST = 1.2
 """Weight of the chest's normal against the breast's: a wire lies on the chest where the crease is round."""
 SHARP = (0.5, 1.0)
@@ -29,7 +31,7 @@ averaging fills it and the sheets are prolonged until they meet."""
 ANGLES = np.radians(np.arange(-125.0, 126.0, 3.5))
 """Where the line is known, round its circle's centre, from the bottom towards the outer end."""
 STIFFNESS, TOWARDS = 30.0, 0.0005
-"""Of the smoothing along the line, and with what weight it is drawn to circle and plane."""
+"""Of the smoothing along the line, and with what weight it is drawn to the circle."""
 STRAY = 2.5
 """A place so far (mm) from the line counts a quarter."""
 RADIUS = (69.0, 8.0)
@@ -81,8 +83,8 @@ def _bottom(away: np.ndarray, normals: np.ndarray, tangent: np.ndarray, window: 
     height, known = _averaged(away @ along, away @ opening, grid)
     depth = np.where(known & (np.abs(grid) <= window), height, np.inf)
     at = int(depth.argmin())
-    if not np.isfinite(depth[at]):
-        return np.zeros(3), 0.0
+    if not np.isfinite(depth[at]) or not known[max(at - SHORE, 0) : at + SHORE + 1].all():
+        return np.zeros(3), 0.0  # the deepest place is the shore of a hole: the bottom was not seen
     place, low = grid[at], height[at]
     if 0 < at < len(grid) - 1 and known[at - 1] and known[at + 1]:
         bend = height[at - 1] - 2 * low + height[at + 1]
@@ -117,7 +119,9 @@ def _averaged(place: np.ndarray, height: np.ndarray, grid: np.ndarray) -> tuple[
     return level + slope * (grid - mean), total > 2
 
 
-def rim(places: Float[np.ndarray, "k 3"], weights: Float[np.ndarray, " k"], held: int = 0) -> Float[np.ndarray, "m 3"]:
+def rim(
+    places: Float[np.ndarray, "k 3"], weights: Float[np.ndarray, " k"], held: int = 0, flat: float = TOWARDS
+) -> Float[np.ndarray, "m 3"]:
     """The smooth line through weighted places, at ANGLES round the circle that fits them best, seen from in front.
 
     The places' distances from the circle and heights over a plane are smoothed (Whittaker); places off the line lose
@@ -125,6 +129,7 @@ def rim(places: Float[np.ndarray, "k 3"], weights: Float[np.ndarray, " k"], held
 
     Args:
         held: so many of the last places keep their weight.
+        flat: with what weight the line is drawn to the plane.
     """
     trust = np.ones(len(places))
     line = places
@@ -138,13 +143,14 @@ def rim(places: Float[np.ndarray, "k 3"], weights: Float[np.ndarray, " k"], held
         share = weight * np.clip(1 - np.abs(ANGLES[:, None] - angle) / (ANGLES[1] - ANGLES[0]), 0, None)
         total = share.sum(axis=1)
         values = share @ off / np.maximum(total, 1e-9)[:, None]
-        smooth = np.stack([smoothed(column, total, STIFFNESS, TOWARDS) for column in values.T], axis=1)
+        pairs = zip(values.T, (TOWARDS, flat), strict=True)
+        smooth = np.stack([smoothed(column, total, STIFFNESS, towards) for column, towards in pairs], axis=1)
         on_line = np.stack([np.interp(angle, ANGLES, column) for column in smooth.T], axis=1)
         trust = 1 / (1 + (np.linalg.norm(off - on_line, axis=1) / STRAY) ** 2) ** 2
         trust[len(places) - held :] = 1.0
         reach = radius + smooth[:, 0]
-        flat = centre + reach[:, None] * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
-        line = np.column_stack([flat, _over(flat, plane) + smooth[:, 1]])
+        round_ = centre + reach[:, None] * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
+        line = np.column_stack([round_, _over(round_, plane) + smooth[:, 1]])
     return line
 
 

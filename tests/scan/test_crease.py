@@ -102,7 +102,7 @@ def test_a_neckline_is_two_sections_of_the_surface():
     for half in (line[:21], line[20:]):
         across = np.cross(half[-1] - half[0], front)
         np.testing.assert_allclose((half - half[0]) @ across / np.linalg.norm(across), 0, atol=1e-9)
-        assert np.abs(np.linalg.norm(half[3:-3] + [0, 0, RADIUS], axis=1) - RADIUS).max() < 1.5
+        assert np.abs(np.linalg.norm(half[3:-3] + RADIUS * FRONT, axis=1) - RADIUS).max() < 1.5
 
 
 @pytest.mark.parametrize("path", sample_paths()[:2], ids=lambda path: path.stem)
