@@ -61,7 +61,7 @@ class Cup(nn.Module, ABC):
     """
 
     exact = False
-    """Whether panels are developable up to the grid behind `shape_of`."""
+    """Whether panels are developable up to the grid behind `shape_of`, and no constraint is left to satisfy."""
     stations: Tensor
     terms: int
 

@@ -131,7 +131,8 @@ class LM:
                 if len(running) == 0:
                     break
                 grid = grid.finer()
-            for name, residual in objective.constraints(objective.cup.sketch(place)).items():
+            left = {} if objective.cup.exact else objective.constraints(objective.cup.sketch(place))
+            for name, residual in left.items():
                 kept = multipliers.setdefault(name, torch.zeros_like(residual))
                 kept[live] += stage.penalty * residual[live].detach()
             done += stage.steps

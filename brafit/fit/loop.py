@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
@@ -123,19 +124,13 @@ def _fit_together(
     flat = solution.flat[best].cpu().double()
     winners = model.select(best).on(wires)  # in double precision, whatever the fit computed with
     winners.load_flat(flat)
+    named, rows = winners.split(flat), [int(row) for row in best]
     results = []
-    for k, target in enumerate(targets):
-        row = int(best[k])
-        one = winners.select(torch.tensor([k]))
-        fit = _finish(
-            target,
-            one,
-            solution.codes[row],
-            {name: value[k].tolist() for name, value in winners.split(flat).items()},
-            int(solution.iterations[row]),
-        )
+    for k, (row, measured) in enumerate(zip(rows, _measured(winners, targets), strict=True)):
+        parameters = {name: value[k].tolist() for name, value in named.items()}
+        fit = _fit_of(targets[k], measured, solution.codes[row], parameters, int(solution.iterations[row]))
         told = solution.warnings[row] if solution.warnings else ()
-        results.append(_judged(fit, one, condition, told))
+        results.append(_judged(fit, winners, condition, told))
     return results
 
 
@@ -201,41 +196,55 @@ def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -
     return replace(fit, warnings=(*warnings, *faults))
 
 
-def _measured(cup: Cup, target: Target) -> tuple[CupShape, FlatPanel, Tensor, dict[str, float]]:
-    """Shape in mm, flat panels, distances and figures of one cup."""
-    wire = cup.wire
-    scale = wire.scale.item()
-    shape = cup.shape_of(cup.flatten().detach()).map(lambda v: v[0].detach())
-    shape = in_millimetres(shape, scale)
-    flat = flat_panels(shape)
-    distances = point_distances(torch.as_tensor(target.points, dtype=torch.float64), shape)
-    smooth = wire.sample(wire_places(shape.stations / scale))[0] * scale
-    neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
-    figures = figures_of(shape, flat, distances, neckline, smooth, wire.smoothing.item())
-    return shape, flat, distances, figures
+@dataclass(frozen=True)
+class _Measured:
+    """One cup: shape in mm, flat panels, distances and figures."""
+
+    shape: CupShape
+    flat: FlatPanel
+    distances: Tensor
+    figures: dict[str, float]
 
 
-def _finish(
+@torch.no_grad()
+def _measured(cup: Cup, targets: Sequence[Target], refinements: int = REFINEMENTS) -> list[_Measured]:
+    """The cups of a batch; those whose panels are to be exact and are not yet, on finer grids."""
+    wire, units = cup.wire, cup.shape_of(cup.flatten())
+    points = [torch.as_tensor(t.points, dtype=torch.float64) / s for t, s in zip(targets, wire.scale, strict=True)]
+    distances = point_distances(pad_sequence(points, batch_first=True), units) * wire.scale[:, None]
+    smooth = wire.sample(wire_places(units.stations))
+    results = []
+    for k, target in enumerate(targets):
+        scale = wire.scale[k].item()
+        shape = in_millimetres(units.map(partial(torch.select, dim=0, index=k)), scale)
+        flat, own = flat_panels(shape), distances[k, : len(target.points)]
+        neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
+        figures = figures_of(shape, flat, own, neckline, smooth[k] * scale, wire.smoothing[k].item())
+        results.append(_Measured(shape, flat, own, figures))
+    twisted = [k for k, one in enumerate(results) if not one.figures["twist_deg_max"] <= TWIST_LIMIT]
+    if cup.exact and twisted and refinements:
+        finer = cup.select(torch.tensor(twisted)).refined()
+        for k, one in zip(twisted, _measured(finer, [targets[k] for k in twisted], refinements - 1), strict=True):
+            results[k] = one
+    return results
+
+
+def _fit_of(
     target: Target,
-    cup: Cup,
+    measured: _Measured,
     code: ResultCode,
     parameters: dict[str, list],
     iterations: int,
 ) -> CupFit:
-    shape, flat, distances, figures = _measured(cup, target)
-    for _ in range(REFINEMENTS):
-        if not cup.exact or figures["twist_deg_max"] <= TWIST_LIMIT:
-            break
-        cup = cup.refined()
-        shape, flat, distances, figures = _measured(cup, target)
+    lower, upper = measured.flat.lower, measured.flat.upper
     return CupFit(
         name=target.name,
         code=code,
         reason=code.value,
-        shape=shape,
-        panels=[FlatPanel(lower, upper) for lower, upper in zip(flat.lower, flat.upper, strict=True)],
-        distances=distances.numpy(),
-        figures=figures,
+        shape=measured.shape,
+        panels=[FlatPanel(*edges) for edges in zip(lower, upper, strict=True)],
+        distances=measured.distances.numpy(),
+        figures=measured.figures,
         parameters=parameters,
         iterations=iterations,
         seconds=0.0,

@@ -13,7 +13,7 @@ from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, regularity, rib_angle, twist_angle
 from brafit.geometry.development import FlatPanel, arc_lengths, develop
 from brafit.geometry.grid import sliding_derivative
-from brafit.geometry.nearest import nearest_feet, signed_distance
+from brafit.geometry.nearest import project
 
 _ENDS = 0.02
 """Share of the stations at either end where panels shrink to cusps and a ruling's twist means nothing."""
@@ -26,10 +26,9 @@ def flat_panels(shape: CupShape) -> FlatPanel:
     return develop(shape.stations, lower.norm(dim=-1), shape.geodesic, rib, shape.lengths)
 
 
-def point_distances(points: Float[Tensor, "n 3"], shape: CupShape) -> Float[Tensor, " n"]:
-    """Signed distances of points to one cup, positive outside."""
-    feet = nearest_feet(points, shape.edges, shape.tangents, shape.stations, iterations=8)
-    return signed_distance(points, shape.edges, shape.tangents, shape.stations, feet)
+def point_distances(points: Float[Tensor, "*batch n 3"], shape: CupShape) -> Float[Tensor, "*batch n"]:
+    """Signed distances of points to cups, positive outside."""
+    return project(points, shape.edges, shape.tangents, shape.stations, iterations=8).distances
 
 
 def figures_of(

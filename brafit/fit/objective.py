@@ -195,9 +195,9 @@ class Objective:
 
     @torch.no_grad()
     def neckline_factor(self, flat: Flat) -> Float[Tensor, " batch"]:
-        """By how much to raise the neckline's weight: the mean distance between upper edge and neckline, both ways, over
-        its limit, with some to spare, since the distance falls about as the weight grows. 1 where it is within the
-        limit, where there is no neckline, and for cups that are not exact.
+        """By how much to raise the neckline's weight: the mean distance between upper edge and neckline, both ways,
+        over its limit, with some to spare, since the distance falls about as the weight grows. 1 where it is within
+        the limit, where there is no neckline, and for cups that are not exact.
         """
         if not self.cup.exact or self.conditions.neckline == 0:
             return torch.ones_like(self.targets.scale)

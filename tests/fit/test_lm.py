@@ -173,6 +173,7 @@ def test_the_neckline_weighs_more_only_where_the_upper_edge_is_too_far():
         lines = zip(shape.edges[:, -1], map(torch.as_tensor, (off, fitting)), strict=True)
         gaps.append([upper_edge_gap(edge, line) for edge, line in lines])
         points.append(solution.flat)
-    assert gaps[0][0] > 0.03 and gaps[1][0] < 0.026, gaps
+    assert gaps[0][0] > 0.03, gaps
+    assert gaps[1][0] < 0.026, gaps
     assert gaps[0][1] < 0.025
     torch.testing.assert_close(points[0][1], points[1][1], rtol=0, atol=0)

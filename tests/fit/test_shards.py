@@ -44,7 +44,8 @@ def test_the_callback_hears_of_all_shards_as_far_as_the_slowest_has_come():
     assert len(told) > 5
     indices = [step.index for step in told]
     assert indices == sorted(set(indices))
-    assert len(told[0].terms["objective"]) == 8
+    # of both shards, less what the one that is ahead has finished
+    assert 4 < max(len(step.terms["objective"]) for step in told) <= 8
 
 
 def test_an_error_elsewhere_is_raised_here_and_the_process_serves_on(alone):
