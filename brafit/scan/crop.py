@@ -68,6 +68,10 @@ def neckline_over(
         front: where the breast looks to, see `facing`.
         count: points of each half.
     """
+    # A torso that is closed at the back can have all normals inwards: those at the three places say which way.
+    near = np.asarray(KDTree(surface.points).query(np.stack([inner, strap, outer]), k=min(20, len(surface.points)))[1])
+    if np.median(surface.normals[near.ravel()] @ front) < 0:
+        surface = Surface(surface.points, -surface.normals, surface.spacing)
     halves = [_section(surface, a, b, front, count) for a, b in ((inner, strap), (strap, outer))]
     return np.concatenate([halves[0], halves[1][1:]])
 

@@ -98,6 +98,8 @@ def test_a_neckline_is_two_sections_of_the_surface():
     assert np.degrees(np.arctan2(front[0], front[2])) == pytest.approx(14.5)
     strap = RADIUS * np.array([-0.8, 0.1, np.sqrt(1 - 0.65) - 1])
     line = neckline_over(surface, wire[0], strap, wire[-1], front)
+    inside_out = Surface(surface.points, -surface.normals, surface.spacing)
+    np.testing.assert_array_equal(neckline_over(inside_out, wire[0], strap, wire[-1], front), line)
     np.testing.assert_allclose(line[[0, 20, 40]], [wire[0], strap, wire[-1]], atol=1e-9)
     for half in (line[:21], line[20:]):
         across = np.cross(half[-1] - half[0], front)
