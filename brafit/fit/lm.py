@@ -22,6 +22,8 @@ from brafit.fit.solver import Callback, Solution, Step
 
 _COMPACT = 0.75
 """Finished problems leave the batch once less than this share of it still runs."""
+_SHORTEST = 1e-2
+"""A step is not shortened further than this."""
 _SEARCHING = 4
 """Nearest points are searched anew in the first steps and then every so many; in between, they are followed."""
 
@@ -199,7 +201,8 @@ def minimise(
     """Minimise every problem by the terms that are free in the stage.
 
     The damping follows Nielsen (1999): it falls smoothly with the ratio of found to expected decrease, and grows ever
-    faster while steps are refused.
+    faster while steps are refused. Where it is too small to matter, more of it would bring the same step again: there
+    a refused step is shortened instead, to the minimum of the parabola through what was found.
     """
     terms = objective.cup.terms if stage.terms is None else stage.terms
     columns = objective.cup.columns(terms)
@@ -212,7 +215,7 @@ def minimise(
     diverged = ~(here.value.isfinite() & here.matrix.isfinite().all(-1).all(-1))
     steps = torch.zeros(batch, dtype=torch.long, device=start.device)
     damping = torch.full_like(here.value, 1e-3)
-    growth = torch.full_like(damping, 2.0)
+    growth, reach = torch.full_like(damping, 2.0), torch.ones_like(damping)
     ended = diverged.clone()
     history = []
     for count in range(stage.steps):
@@ -221,17 +224,18 @@ def minimise(
             break
         if running.sum() < _COMPACT * len(index):
             keep = running.nonzero()[:, 0]
-            index, place, damping, growth = index[keep], place[keep], damping[keep], growth[keep]
-            here = here.select(keep)
+            index, place, here = index[keep], place[keep], here.select(keep)
+            damping, growth, reach = damping[keep], growth[keep], reach[keep]
             objective, pressure = objective.select(keep), pressure.select(keep)
             running = running[keep]
-        move, expected = _step(here, damping)
+        move, fall, bend = _step(here, damping)
+        expected = fall - 0.5 * bend
         trial = place.clone()
-        trial[:, columns] += move
+        trial[:, columns] += reach[:, None] * move
         near = here.feet if count >= _SEARCHING and count % _SEARCHING else None
         there = normal_equations(objective, trial, pressure, terms, near)
         gain = here.value - there.value
-        ratio = gain / expected
+        ratio = gain / (reach * fall - 0.5 * reach**2 * bend)
         finite = there.value.isfinite() & there.matrix.isfinite().all(-1).all(-1)
         accepted = running & finite & (gain > 0)
         small = stage.tolerance * here.value
@@ -240,8 +244,11 @@ def minimise(
         place = torch.where(accepted[:, None], trial, place)
         here = there.choose(accepted, here)
         eased = damping * (1 - (2 * ratio - 1) ** 3).clamp(1 / 5, 2)
-        damping = torch.where(accepted, eased, damping * growth).clamp_min(1e-12)
-        growth = torch.where(accepted, 2.0, growth * 2)
+        shortened = ~accepted & finite & (bend > 0.5 * fall) & (reach > _SHORTEST)
+        lowest = 0.5 * reach**2 * fall / (reach * fall - gain)
+        damping = torch.where(accepted, eased, torch.where(shortened, damping, damping * growth)).clamp_min(1e-12)
+        growth = torch.where(accepted, 2.0, torch.where(shortened, growth, growth * 2))
+        reach = torch.where(shortened, torch.minimum(lowest, 0.5 * reach).maximum(0.1 * reach), 1.0)
         steps[index] += running
         ended[index] |= finished
         converged[index] |= finished
@@ -251,8 +258,12 @@ def minimise(
     return Minimum(result, value, margin, converged, diverged, steps, torch.stack(history) if history else value[None])
 
 
-def _step(here: Normal, damping: Tensor) -> tuple[Float[Tensor, "batch columns"], Float[Tensor, " batch"]]:
-    """The damped Gauss-Newton step, and the decrease of the quadratic model along it."""
+def _step(
+    here: Normal, damping: Tensor
+) -> tuple[Float[Tensor, "batch columns"], Float[Tensor, " batch"], Float[Tensor, " batch"]]:
+    """The damped Gauss-Newton step m, the value's fall -g.m along it and its bend m.H.m: the quadratic model
+    decreases by fall - bend / 2.
+    """
     diagonal = here.matrix.diagonal(dim1=-2, dim2=-1)
     scale = torch.maximum(diagonal, 1e-6 * diagonal.amax(-1, keepdim=True)).clamp_min(1e-30)
     extra = damping[:, None] * scale
@@ -262,6 +273,5 @@ def _step(here: Normal, damping: Tensor) -> tuple[Float[Tensor, "batch columns"]
     move = -torch.linalg.solve_triangular(factor.mT, move, upper=True)[..., 0]
     usable = (failed == 0) & move.isfinite().all(-1)
     move = torch.where(usable[:, None], move, torch.zeros_like(move))
-    # model decrease: -g.m - m.H.m / 2 with H m = -g - extra m
-    expected = 0.5 * ((extra * move - here.gradient) * move).sum(-1)
-    return move, torch.where(usable, expected, torch.inf)
+    fall = torch.where(usable, -(here.gradient * move).sum(-1), torch.inf)
+    return move, fall, fall - (extra * move * move).sum(-1)  # since H m = -g - extra m

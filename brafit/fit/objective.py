@@ -27,8 +27,8 @@ GUIDING = 0.4
 """Weight of the mean squared distance between edges and guides, each way."""
 RIM_SPACINGS = 2.5
 """Spacings of the cloud's points within which the upper edge is on the cloud."""
-_SPARE = 1.2
-"""More than the excess by which a weight is raised, since what is asked of an edge is met only in part."""
+_SPARE, _RESPONSE = 1.15, 1.5
+"""The distance between edge and neckline falls about as the weight to the power of -1 / 1.5; a little to spare."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Conditions:
 
     points: str = "l2"
     points_width: float = 0.5
-    neckline: float = 0.2
+    neckline: float = 0.22
     neckline_limit: float = 0.8
     rim: float = 0.1
     connection: float = 0.002
@@ -64,7 +64,7 @@ class Conditions:
     margin: float = 0.3
     margin_width: float = 0.03
     barrier: float = 1.0
-    smoothness: float = 2e-7
+    smoothness: float = 4e-7
 
     def __post_init__(self) -> None:
         point_loss(self.points, 1.0)
@@ -196,8 +196,8 @@ class Objective:
     @torch.no_grad()
     def neckline_factor(self, flat: Flat) -> Float[Tensor, " batch"]:
         """By how much to raise the neckline's weight: the mean distance between upper edge and neckline, both ways,
-        over its limit, with some to spare, since the distance falls about as the weight grows. 1 where it is within
-        the limit, where there is no neckline, and for cups that are not exact.
+        over its limit, to a power. 1 where it is within the limit, where there is no neckline, and for cups that are
+        not exact.
         """
         if not self.cup.exact or self.conditions.neckline == 0:
             return torch.ones_like(self.targets.scale)
@@ -205,7 +205,7 @@ class Objective:
         there = gaps_to_line(shape, -1, line).vectors.norm(dim=-1) @ station_weights(shape.stations)
         back = gaps_to_points(shape, -1, line).vectors.norm(dim=-1).mean(-1)
         excess = 0.5 * (there + back) * self.targets.scale / self.conditions.neckline_limit
-        return torch.where(self.targets.has_neckline & (excess > 1), _SPARE * excess, 1.0)
+        return torch.where(self.targets.has_neckline & (excess > 1), (_SPARE * excess) ** _RESPONSE, 1.0)
 
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:
         """Nearest points of the targets' clouds on the cups."""
