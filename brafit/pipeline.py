@@ -345,8 +345,15 @@ def _unexpected(job: Job, error: Exception, during: str) -> str:
 @contextmanager
 def _progress(title: str) -> Iterator[Callable[[Step], None]]:
     """A bar on the terminal, a line now and then in a log; gives the callback that moves it."""
-    quiet = 0.2 if sys.stderr.isatty() else 30.0
-    with tqdm(desc=title, mininterval=quiet, dynamic_ncols=True, unit="step", leave=False, delay=1) as bar:
+    watched = sys.stderr.isatty()
+    with tqdm(
+        desc=title,
+        mininterval=0.2 if watched else 30.0,
+        dynamic_ncols=True,
+        unit="step",
+        leave=not watched,  # a log's line is to be ended
+        delay=1,
+    ) as bar:
 
         def callback(step: Step) -> None:
             bar.total = step.total

@@ -54,8 +54,8 @@ class Conditions:
 
     points: str = "l2"
     points_width: float = 0.5
-    neckline: float = 0.22
-    neckline_limit: float = 0.8
+    neckline: float = 0.18
+    neckline_limit: float = 0.7
     rim: float = 0.1
     connection: float = 0.002
     connection_width: float = 20.0
