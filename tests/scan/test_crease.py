@@ -8,6 +8,7 @@ from scipy.spatial import KDTree
 
 from brafit.samples import sample_paths
 from brafit.scan import load_scan
+from brafit.scan.body import PROTRUDING, Body, apex_of
 from brafit.scan.crease import ABOVE, BODY_UP, laid, trace
 from brafit.scan.crop import facing, neckline_over
 from brafit.scan.fold import folds, rim
@@ -113,3 +114,25 @@ def test_the_wires_of_the_samples_are_found_again(path):
     truth = evenly_spaced(given.frame.to_scan(given.wire), 2000)
     away = np.asarray(KDTree(truth).query(evenly_spaced(found.frame.to_scan(found.wire), 200))[0])
     assert np.sqrt((away**2).mean()) < 3.0
+
+
+@pytest.mark.parametrize("hole", [0.0, 10.0])
+def test_the_bust_point_of_a_bump_on_a_torso(hole):
+    """Two balls with nipples on a torso: it is found under noise and strays, and beside a hole."""
+    random = np.random.default_rng(3)
+    angle, height = random.uniform(0, 2 * np.pi, 60_000), random.uniform(-300, 300, 60_000)
+    points = np.column_stack([150 * np.sin(angle), height, 100 * np.cos(angle)])
+    ball = random.standard_normal((8_000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    nipple = PROTRUDING / np.linalg.norm(PROTRUDING)
+    ball *= 60 + 4 * np.exp(-(((ball - nipple) ** 2).sum(axis=1)[:, None]) / (2 * 0.12**2))
+    middle = np.array([80.0, 0.0, 75.0])
+    truth = middle + 64 * nipple
+    for sign in (1, -1):
+        outside = (ball[:, 2] > 0) & ((middle + ball)[:, 2] > 60)
+        points = np.concatenate([points, (middle + ball[outside]) * [sign, 1, 1]])
+    points += 0.4 * random.standard_normal(points.shape)
+    points = np.concatenate([points, random.uniform(-300, 300, (500, 3))])
+    points = points[np.linalg.norm(points - truth - [0, -12, 0], axis=1) > hole]
+    body = Body(np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), FRONT, 0.0)
+    assert np.linalg.norm(apex_of(points, body, "left") - truth) < 6
