@@ -27,8 +27,8 @@ RIB_LIMIT = 1.3
 """Largest rib angle in radians: alpha = 1.3 tanh(series / 1.3)."""
 CORNER_WIDTH = 0.03
 """Rounding of the upper edge's corner, as a share of half the wire."""
-WAVY_FROM = 4
-"""Terms of higher order than this are smoothed more strongly than by their curvature."""
+WAVY_FROM = 8
+"""Terms of higher order than this are smoothed ever more strongly."""
 CORNER_TERMS = 6
 """Terms from which on the corner is free: before, the edge is too rough to tell where it belongs."""
 
@@ -319,11 +319,11 @@ class StripsCup(Cup):
 
     @property
     def _waviness(self) -> Float[Tensor, " size"]:
-        """Of each parameter, by the order k of its polynomial: k^2 k / WAVY_FROM. By k^2 alone edges ripple near the
-        wire's ends, where the polynomials of high order are quickest.
+        """Of each parameter, by the order k of its polynomial: k^2, and k^3 / WAVY_FROM for high orders. By k^2 alone
+        edges ripple near the wire's ends, where these polynomials are quickest.
         """
         order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device)
-        wavy = order**3 / WAVY_FROM
+        wavy = order.square() * (order / WAVY_FROM).clamp_min(1)
         return torch.cat((wavy.new_zeros(self.panels), wavy.repeat(2 * self.panels), wavy.new_zeros(2)))
 
     @torch.no_grad()

@@ -54,8 +54,8 @@ class Conditions:
 
     points: str = "l2"
     points_width: float = 0.5
-    neckline: float = 0.18
-    neckline_limit: float = 0.7
+    neckline: float = 0.21
+    neckline_limit: float = 0.8
     rim: float = 0.1
     connection: float = 0.002
     connection_width: float = 20.0
@@ -64,7 +64,7 @@ class Conditions:
     margin: float = 0.3
     margin_width: float = 0.03
     barrier: float = 1.0
-    smoothness: float = 4e-7
+    smoothness: float = 3e-7
 
     def __post_init__(self) -> None:
         point_loss(self.points, 1.0)
