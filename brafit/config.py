@@ -121,7 +121,7 @@ class ConditionConfig:
     points: str = one_of("l2", "l1", "robust")
     points_width: float = limited(0)
     neckline: float = limited(0)
-    neckline_limit: float = limited(0)
+    neckline_limit: float | None = limited(0)
     rim: float = limited(0)
     connection: float = limited(0)
     connection_width: float = limited(0)

@@ -183,7 +183,10 @@ def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -
     if fit.code is ResultCode.STEP_LIMIT:
         warnings.append("the fit stopped at its step limit, perhaps short of the best cup")
     if far > FAR_SHARE:
-        warnings.append(f"{far:.1%} of the points are more than {FAR:g} mm from the cup")
+        warnings.append(f"{far:.1%} of the points are more than {FAR:g} mm from the cup; more panels follow it closer")
+    off, limit = fit.figures["upper_edge_mm"], condition.neckline_limit
+    if cup.exact and limit is not None and off > 1.1 * limit:
+        warnings.append(f"the upper edge is {off:.2f} mm off the neckline, beyond condition.neckline_limit={limit:g}")
     if cup.exact and not twist <= TWIST_LIMIT:
         faults.append(f"a ruling's normals differ by {twist:.3g} degrees, more than {TWIST_LIMIT:g}")
     torn = not fit.figures["isometry_mm"] <= ISOMETRY_LIMIT

@@ -40,7 +40,7 @@ class Conditions:
         points_width: rounding of l1 and scale of robust, mm.
         neckline: weight of the mean squared distance between upper edge and neckline, each way.
         neckline_limit: mean distance between upper edge and neckline, mm, above which that weight is raised for a scan
-            (exact cups only).
+            (exact cups only); None: never.
         rim: weight of the mean squared distance by which the upper edge leaves the cloud, where no neckline is given.
         connection: k1 of the fuzzy condition (42) that draws the upper edge to the strap point.
         connection_width: 1 / sqrt(k2), mm: within it the condition is nearly free, beyond it steep.
@@ -55,7 +55,7 @@ class Conditions:
     points: str = "l2"
     points_width: float = 0.5
     neckline: float = 0.21
-    neckline_limit: float = 0.8
+    neckline_limit: float | None = 0.8
     rim: float = 0.1
     connection: float = 0.002
     connection_width: float = 20.0
@@ -69,7 +69,7 @@ class Conditions:
     def __post_init__(self) -> None:
         point_loss(self.points, 1.0)
         for name in ("points_width", "neckline_limit", "connection_width", "ridge_apex_width", "margin_width"):
-            if not getattr(self, name) > 0:
+            if getattr(self, name) is not None and not getattr(self, name) > 0:
                 raise ValueError(f"condition.{name} must be positive, got {getattr(self, name)}")
 
 
@@ -199,12 +199,13 @@ class Objective:
         over its limit, to a power. 1 where it is within the limit, where there is no neckline, and for cups that are
         not exact.
         """
-        if not self.cup.exact or self.conditions.neckline == 0:
+        limit = self.conditions.neckline_limit
+        if limit is None or not self.cup.exact or self.conditions.neckline == 0:
             return torch.ones_like(self.targets.scale)
         shape, line = self.cup.shape_of(flat), self.targets.neckline
         there = gaps_to_line(shape, -1, line).vectors.norm(dim=-1) @ station_weights(shape.stations)
         back = gaps_to_points(shape, -1, line).vectors.norm(dim=-1).mean(-1)
-        excess = 0.5 * (there + back) * self.targets.scale / self.conditions.neckline_limit
+        excess = 0.5 * (there + back) * self.targets.scale / limit
         return torch.where(self.targets.has_neckline & (excess > 1), (_SPARE * excess) ** _RESPONSE, 1.0)
 
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:

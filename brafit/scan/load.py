@@ -215,6 +215,8 @@ def load_scan(
         share = "" if guessed is None else f" ({100 * guessed:.0f} % of it guessed)"
         doubt = f", {DOUBT}" if marks_origin == "proposed" else ""
         notes.append(f"{path.name}: {how}{share}{doubt}: look at them, brafit-inspect draws them")
+    if marks_origin == "proposed" and side is None:
+        notes.append(f"{path.name}: the {marks.side} breast alone is fitted: scan.side=both fits both")
     return Scan(
         name=path.stem if name is None else name,
         path=path,
