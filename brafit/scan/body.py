@@ -69,6 +69,14 @@ class Body:
         """Rows: outwards, up, front, for a side; right-handed for the left one, mirrored for the right one."""
         return np.stack([self.left if side == "left" else -self.left, self.up, self.front])
 
+    def away(self, points: Float[np.ndarray, "*n 3"], side: str) -> Float[np.ndarray, "*n"]:
+        """Distances of points from the mirror plane, outwards of a side."""
+        return points @ self.outwards(side)[0] - (self.offset if side == "left" else -self.offset)
+
+    def protruding(self, side: str) -> Float[np.ndarray, "3"]:
+        """The unit vector PROTRUDING of a side."""
+        return PROTRUDING @ self.outwards(side) / np.linalg.norm(PROTRUDING)
+
     def breast_axes(self, side: str) -> Float[np.ndarray, "3 3"]:
         """Rows: x, y, z of the frame in which `brafit.scan.crease` works, about a breast of this side."""
         q, r = np.linalg.qr(BREAST_AXES.T)
@@ -202,8 +210,7 @@ def _candidates(points: np.ndarray) -> list[Body]:
 
 
 def _breast(points: np.ndarray, body: Body, side: str) -> _Breast:
-    apex, surface = _apex(points, body, side)
-    apex = _nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side)
+    apex, surface = _bust_point(points, body, side)
     wire = _wire(surface, apex, body, side)
     front = facing(wire.wire, body.front)
     strap = _strap(surface, wire.wire, apex, _shoulder(points, apex, body, side), front, body)
@@ -223,16 +230,14 @@ def _about(points: np.ndarray, place: np.ndarray, outward: np.ndarray, dense: in
 
 def _apex(points: np.ndarray, body: Body, side: str, dense: int = DENSE) -> tuple[np.ndarray, Surface]:
     """The bust point as the surface about it shows it: the middle of what is convex about the foremost place."""
-    axes = body.outwards(side)
-    offset = body.offset if side == "left" else -body.offset
-    out = points @ axes[0] - offset
+    out = body.away(points, side)
     height = points @ body.up
     trunk = np.abs(out) < BREAST_OUT[1]
     low, high = np.quantile(height[trunk], (0.02, 0.98))
     # Within the middle of the height of a torso; of a whole body, the upper part.
     zone = (out > BREAST_OUT[0]) & (out < BREAST_OUT[1]) & (height > low + 0.25 * (high - low)) & (height < high)
     candidate = points[zone]
-    direction = PROTRUDING @ axes / np.linalg.norm(PROTRUDING)
+    direction = body.protruding(side)
     reach = candidate @ direction
     apex = np.median(candidate[reach > np.quantile(reach, 0.9995) - CAP], axis=0)
     surface = _about(points, apex, body.front, dense)
@@ -253,10 +258,15 @@ def _apex(points: np.ndarray, body: Body, side: str, dense: int = DENSE) -> tupl
     return settle(surface, apex[None], max(6.0, 2 * surface.spacing))[0][0], surface
 
 
+def _bust_point(points: np.ndarray, body: Body, side: str) -> tuple[np.ndarray, Surface]:
+    """The bust point as the surface and the wire found show it, and the surface about it."""
+    apex, surface = _apex(points, body, side)
+    return _nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side), surface
+
+
 def _nudged(surface: Surface, apex: np.ndarray, wire: np.ndarray, body: Body, side: str) -> np.ndarray:
     """The bust point as the surface shows it, and as the wire does (see `SIDEWAYS`)."""
-    outwards, up, _ = axes = body.outwards(side)
-    direction = PROTRUDING @ axes / np.linalg.norm(PROTRUDING)
+    outwards, direction = body.outwards(side)[0], body.protruding(side)
     outwards = outwards - (outwards @ direction) * direction
     outwards /= np.linalg.norm(outwards)
     up = np.cross(direction, outwards)
@@ -305,8 +315,7 @@ def wire_laid(
 
 def apex_of(points: Float[np.ndarray, "n 3"], body: Body, side: str) -> Float[np.ndarray, "3"]:
     """The bust point of a side, as the surface and the wire found show it."""
-    apex, surface = _apex(_sketch(points), body, side)
-    return _nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side)
+    return _bust_point(_sketch(points), body, side)[0]
 
 
 def _lowest(wire: np.ndarray, up: np.ndarray) -> np.ndarray:
@@ -316,7 +325,7 @@ def _lowest(wire: np.ndarray, up: np.ndarray) -> np.ndarray:
 def _shoulder(points: np.ndarray, apex: np.ndarray, body: Body, side: str) -> np.ndarray:
     """The middle of the shoulder: the top of the body there."""
     outwards, up, front = body.outwards(side)
-    out = points @ outwards - (body.offset if side == "left" else -body.offset)
+    out = body.away(points, side)
     away = points - apex
     rise, depth = away @ up, away @ front
     there = np.abs(out - SHOULDER_OUT) < 10.0
@@ -325,7 +334,7 @@ def _shoulder(points: np.ndarray, apex: np.ndarray, body: Body, side: str) -> np
     if there.sum() >= 20:
         top = np.quantile(rise[there], 0.99)
         back = np.median(depth[there & (rise > top - 4)])
-    beyond = SHOULDER_OUT - float(apex @ outwards - (body.offset if side == "left" else -body.offset))
+    beyond = SHOULDER_OUT - float(body.away(apex, side))
     return apex + beyond * outwards + np.clip(top, *SHOULDER_UP) * up + np.clip(back, *SHOULDER_BACK) * front
 
 

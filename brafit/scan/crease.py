@@ -16,6 +16,7 @@ from scipy import ndimage, optimize
 from scipy.spatial import KDTree
 
 from brafit.scan.fold import folds, rim, smoothed
+from brafit.scan.frame import evenly_spaced
 from brafit.scan.surface import Surface, settle
 
 SHAPE = np.array([
@@ -133,11 +134,11 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
         weights = [np.full(len(start), FIRST), counts, bare, np.full(2, USUAL if ends is None else HELD)]
         shown = np.concatenate([start, places, level, known]), np.concatenate(weights)
         line = rim(*shown) if ends is None else rim(*shown, held=2, flat=FLAT)
-    wire = _even(_cut(_even(line, 1000), ends), STATIONS)
+    wire = evenly_spaced(_cut(evenly_spaced(line, 1000), ends), STATIONS)
     if ends is not None:
         wire = _through(wire, ends)
     measured = folds(surface, tree, wire, WINDOWS[-1])[1] >= PLAIN[0]
-    return Wire(_even(wire, COUNT), float(1 - measured.mean()), float(np.clip(strength, 0, DEEPEST).mean()))
+    return Wire(evenly_spaced(wire, COUNT), float(1 - measured.mean()), float(np.clip(strength, 0, DEEPEST).mean()))
 
 
 def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray, "2 3"] | None = None) -> Wire:
@@ -150,9 +151,9 @@ def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray
         ends: inner and outer end of the crease, where they are known.
     """
     found = trace(surface, ends)
-    crease, flat = _even(found.wire, 500), np.column_stack([arc, np.zeros(len(arc))])
+    crease, flat = evenly_spaced(found.wire, 500), np.column_stack([arc, np.zeros(len(arc))])
     tree = KDTree(crease)
-    placed = _rigid(flat, _even(found.wire, len(arc)))
+    placed = _rigid(flat, evenly_spaced(found.wire, len(arc)))
     for _ in range(FITTINGS):
         near = np.asarray(tree.query(placed)[1])
         within = (near > 0) & (near < len(crease) - 1)
@@ -278,7 +279,7 @@ def _score(image: np.ndarray, placed: _Placed, prior: float = 1.0) -> float:
 
 def _drawn(image: np.ndarray, placed: _Placed) -> tuple[np.ndarray, np.ndarray]:
     """The shape drawn to the bottom of the hollow: places (STATIONS, 2) and the concavity there."""
-    line = _even(placed.points(SHAPE), STATIONS)
+    line = evenly_spaced(placed.points(SHAPE), STATIONS)
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     across = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
@@ -336,9 +337,3 @@ def _through(wire: np.ndarray, ends: np.ndarray) -> np.ndarray:
     fade = 0.2
     first, last = np.clip(1 - share / fade, 0, 1) ** 2, np.clip(1 - (1 - share) / fade, 0, 1) ** 2
     return wire + first * (ends[0] - wire[0]) + last * (ends[1] - wire[-1])
-
-
-def _even(line: np.ndarray, count: int) -> np.ndarray:
-    """Points at equal steps of arc length."""
-    arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
-    return np.stack([np.interp(np.linspace(0, arc[-1], count), arc, column) for column in line.T], axis=1)

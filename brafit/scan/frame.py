@@ -76,12 +76,12 @@ def frame_from_wire(
     return frame
 
 
-def evenly_spaced(line: Float[np.ndarray, "k 3"], count: int) -> Float[np.ndarray, "m 3"]:
+def evenly_spaced(line: Float[np.ndarray, "k d"], count: int) -> Float[np.ndarray, "m d"]:
     """Points at equal arc length along a polyline, so that it does not matter how densely each part was marked."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     arc = np.concatenate([[0.0], np.cumsum(steps)])
     at = np.linspace(0.0, arc[-1], count)
-    return np.stack([np.interp(at, arc, line[:, i]) for i in range(3)], axis=1)
+    return np.stack([np.interp(at, arc, column) for column in line.T], axis=1)
 
 
 def from_inner_end(
