@@ -227,21 +227,18 @@ def project(
         start, bound = _starts(points, x, panels)
         panel = bound.argmin(0)
         found = refine(everything, panel, start.gather(0, panel[None])[0], None)
-        again = []
-        for other in range(panels if panels > 1 else 0):
-            index = ((panel != other) & (bound[other] < found[3])).nonzero()[:, 0]
-            there = torch.full_like(index, other)
-            again.append((there, index, refine(index, there, start[other, index], None)))
+        nearer = (bound < found[3]).scatter_(0, panel[None], False)
+        other, index = nearer.nonzero().unbind(1)
+        crossed, counts = refine(index, other, start[other, index], None), nearer.sum(1).tolist()
+        again = list(zip(other.split(counts), index.split(counts), crossed.split(counts, dim=1), strict=True))
     else:
         panel, interval, tau = near.panel.reshape(-1), near.interval.reshape(-1), near.tau.reshape(-1)
         found = refine(everything, panel, interval, tau)
         # A foot that came to rest on a ridge may go on beyond it.
-        again = []
-        for rim, step in ((0.0, -1), (1.0, 1)):
-            beyond = panel + step
-            index = ((found[2] == rim) & (beyond >= 0) & (beyond < panels)).nonzero()[:, 0]
-            crossed = refine(index, beyond[index], found[0, index].long(), found[1, index])
-            again.append((beyond[index], index, crossed))
+        beyond = panel + (found[2] == 1).long() - (found[2] == 0).long()
+        index = ((beyond != panel) & (beyond >= 0) & (beyond < panels)).nonzero()[:, 0]
+        other = beyond[index]
+        again = [(other, index, refine(index, other, found[0, index].long(), found[1, index]))]
     for other, index, crossed in again:
         # On a ridge both panels are as near: the lower one takes the point, whatever the rounding.
         tie = 1e-9 * found[3, index]
@@ -281,38 +278,64 @@ def _starts(
 
 def _dot(a: Float[Tensor, "3 m"], b: Float[Tensor, "3 m"]) -> Float[Tensor, " m"]:
     """Scalar products of vectors whose components come first."""
-    return torch.addcmul(torch.addcmul(a[0] * b[0], a[1], b[1]), a[2], b[2])
+    return (a * b).sum(0)
+
+
+@dataclass(frozen=True)
+class _Series:
+    """Cubics in tau, one for every point, with components first: value, slope and bend at given places."""
+
+    terms: tuple[Tensor, ...]
+
+    @staticmethod
+    def of(terms: Float[Tensor, "4 *components m"]) -> "_Series":
+        c0, c1, c2, c3 = terms.unbind(0)
+        return _Series((c0, c1, c2, c3, 2 * c2, 3 * c3))
+
+    def value(self, tau: Float[Tensor, " m"]) -> Float[Tensor, "*components m"]:
+        c0, c1, c2, c3, _, _ = self.terms
+        return torch.addcmul(c0, torch.addcmul(c1, torch.addcmul(c2, c3, tau), tau), tau)
+
+    def slope(self, tau: Float[Tensor, " m"]) -> Float[Tensor, "*components m"]:
+        _, c1, _, _, twice, thrice = self.terms
+        return torch.addcmul(c1, torch.addcmul(twice, thrice, tau), tau)
+
+    def bend(self, tau: Float[Tensor, " m"]) -> Float[Tensor, "*components m"]:
+        *_, twice, thrice = self.terms
+        return torch.addcmul(twice, thrice, tau, value=2)
 
 
 @dataclass(frozen=True)
 class _Foot:
-    """The nearest points of given rulings: u*, the difference vector, X_s, and the vectors along the rulings."""
+    """The nearest points of given rulings: u*, what it would be on endless rulings, the vectors from them to the
+    points, and the squared lengths of the rulings.
+    """
 
-    u: Tensor
-    delta: Tensor
-    along: Tensor
-    ruling: Tensor
-    free: Tensor
-    length: Tensor
+    u: Float[Tensor, " m"]
+    free: Float[Tensor, " m"]
+    delta: Float[Tensor, "3 m"]
+    length: Float[Tensor, " m"]
 
     @staticmethod
-    def of(offset: Tensor, ruling: Tensor, slope: Tensor, change: Tensor) -> "_Foot":
-        """From p - x, the vector along the ruling, and the derivatives of x and of that vector."""
+    def of(offset: Float[Tensor, "3 m"], ruling: Float[Tensor, "3 m"]) -> "_Foot":
+        """From the vectors from the rulings' lower ends to the points, and those along the rulings."""
         length = _dot(ruling, ruling).clamp_min(1e-30)
         free = _dot(offset, ruling) / length
         u = free.clamp(0, 1)
-        delta = torch.addcmul(offset, u, ruling, value=-1)
-        return _Foot(u, delta, torch.addcmul(slope, u, change), ruling, free, length)
+        return _Foot(u, free, torch.addcmul(offset, u, ruling, value=-1), length)
 
 
-def _descent(p: Tensor, c: Float[Tensor, "4 2 3 m"], tau: Float[Tensor, " m"]) -> tuple[Tensor, Tensor]:
+def _descent(
+    p: Float[Tensor, "3 m"], series: _Series, tau: Float[Tensor, " m"]
+) -> tuple[Float[Tensor, " m"], Float[Tensor, " m"]]:
     """First and second derivative by tau of half the squared distance to the ruling at tau."""
-    (a, g), (a1, g1), (a2, g2) = (f(c, tau) for f in (_cubic, _cubic_slope, _cubic_bend))
-    foot = _Foot.of(p - a, g, a1, g1)
-    first = -_dot(foot.delta, foot.along)
-    second = _dot(foot.along, foot.along) - _dot(foot.delta, torch.addcmul(a2, foot.u, g2))
-    mixed = _dot(foot.along, g) - _dot(foot.delta, g1)
-    return first, torch.where(foot.free == foot.u, second - mixed * mixed / foot.length, second)
+    (a, g), (a1, g1), (a2, g2) = series.value(tau), series.slope(tau), series.bend(tau)
+    foot = _Foot.of(p - a, g)
+    along = torch.addcmul(a1, foot.u, g1)
+    second = _dot(along, along) - _dot(foot.delta, torch.addcmul(a2, foot.u, g2))
+    mixed = _dot(along, g) - _dot(foot.delta, g1)
+    sliding = torch.addcdiv(second, mixed * mixed, foot.length, value=-1)
+    return -_dot(foot.delta, along), torch.where(foot.free == foot.u, sliding, second)
 
 
 def _descended(descent: Callable[[Tensor], tuple[Tensor, Tensor]], tau: Tensor, iterations: int) -> Tensor:
@@ -327,8 +350,7 @@ def _descended(descent: Callable[[Tensor], tuple[Tensor, Tensor]], tau: Tensor, 
         low = torch.where(first < 0, tau, low)
         newton = tau - first / second
         usable = (second > 0) & (newton >= low) & (newton <= high)
-        middle = torch.where(first == 0, tau, 0.5 * (low + high))
-        tau = torch.where(usable, newton, middle)
+        tau = torch.where(usable, newton, 0.5 * (low + high))
     return tau
 
 
@@ -347,47 +369,38 @@ def _refine(
     """
     intervals = len(tables.steps)
 
-    def series(interval: Tensor) -> Float[Tensor, "4 2 3 m"]:
-        return tables.cubics.index_select(0, panel * intervals + interval).mT.contiguous().view(4, 2, 3, -1)
+    def series(interval: Tensor) -> _Series:
+        rows = tables.cubics.index_select(0, panel * intervals + interval)
+        return _Series.of(rows.mT.contiguous().view(4, 2, 3, -1))
 
     if tau is None:
         x, g, v, change = tables.samples.index_select(0, panel * (intervals + 1) + start).mT.contiguous().view(4, 3, -1)
         # The nearest station is an end of two intervals; the derivative there tells which one holds the minimum.
-        foot = _Foot.of(p - x, g, v, change)
-        back = ((start > 0) & (_dot(foot.delta, foot.along) < 0)) | (start == intervals)
+        foot = _Foot.of(p - x, g)
+        uphill = _dot(foot.delta, torch.addcmul(v, foot.u, change)) < 0
+        back = ((start > 0) & uphill) | (start == intervals)
         interval = start - back.long()
         tau = back.to(p.dtype)
-        c = series(interval)
+        curves = series(interval)
     else:
-        c = series(start)
-        first, second = _descent(p, c, tau)
-        tau = tau - torch.where(second > 0, first / second, torch.zeros_like(tau)).clamp(-1, 1)
+        curves = series(start)
+        first, second = _descent(p, curves, tau)
+        tau = tau - torch.where(second > 0, first / second, 0.0).clamp(-1, 1)
         aside = (tau > 1).long() - (tau < 0).long()
         interval = (start + aside).clamp(0, intervals - 1)
         moved = interval != start
         scale = tables.steps[start] / tables.steps[interval]
         there = torch.where(aside > 0, (tau - 1) * scale, 1 + tau * scale)
         tau = torch.where(moved, there, tau).clamp(0, 1)
-        c = series(interval)
-    tau = _descended(partial(_descent, p, c), tau, iterations)
-    (a, g), (a1, g1) = (f(c, tau) for f in (_cubic, _cubic_slope))
-    foot = _Foot.of(p - a, g, a1, g1)
-    normal = torch.linalg.cross(foot.along, g, dim=0)
+        if moved.any():
+            curves = series(interval)
+    tau = _descended(partial(_descent, p, curves), tau, iterations)
+    (a, g), (a1, g1) = curves.value(tau), curves.slope(tau)
+    foot = _Foot.of(p - a, g)
+    normal = torch.linalg.cross(torch.addcmul(a1, foot.u, g1), g, dim=0)
     normal = normal / _dot(normal, normal).clamp_min(1e-60).sqrt()
     scalars = torch.stack((interval.to(p.dtype), tau, foot.u, _dot(foot.delta, foot.delta)))
     return torch.cat((scalars, foot.delta, normal))
-
-
-def _cubic(c: Tensor, tau: Tensor) -> Tensor:
-    return torch.addcmul(c[0], torch.addcmul(c[1], torch.addcmul(c[2], c[3], tau), tau), tau)
-
-
-def _cubic_slope(c: Tensor, tau: Tensor) -> Tensor:
-    return torch.addcmul(c[1], torch.add(2 * c[2], c[3] * tau, alpha=3), tau)
-
-
-def _cubic_bend(c: Tensor, tau: Tensor) -> Tensor:
-    return torch.add(2 * c[2], c[3] * tau, alpha=6)
 
 
 @torch.no_grad()
@@ -413,11 +426,11 @@ def nearest_on_curve(
     back = ((start > 0) & (_dot(p - x, v) < 0)) | (start == n - 1)
     interval, tau = start - back.long(), back.to(p.dtype)
     table = _cubics(curve, tangents, stations).reshape(-1, 12)
-    c = table.index_select(0, problem * (n - 1) + interval).mT.contiguous().view(4, 3, -1)
+    series = _Series.of(table.index_select(0, problem * (n - 1) + interval).mT.contiguous().view(4, 3, -1))
 
     def descent(tau: Tensor) -> tuple[Tensor, Tensor]:
-        delta, along, bend = p - _cubic(c, tau), _cubic_slope(c, tau), _cubic_bend(c, tau)
-        return -_dot(delta, along), _dot(along, along) - _dot(delta, bend)
+        delta, along = p - series.value(tau), series.slope(tau)
+        return -_dot(delta, along), _dot(along, along) - _dot(delta, series.bend(tau))
 
     tau = _descended(descent, tau, iterations)
     return interval.reshape(*batch, -1), tau.reshape(*batch, -1)
