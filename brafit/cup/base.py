@@ -50,7 +50,8 @@ def derivatives(
     directions = torch.eye(at.shape[1], dtype=at.dtype, device=at.device)
     directions = directions if columns is None else directions[columns]
     directions = directions[:, None].expand(-1, *at.shape)
-    return torch.func.vmap(lambda d: torch.func.jvp(function, (at,), (d,))[1])(directions)
+    with torch.enable_grad():  # what is iterated is differentiable in grad mode only
+        return torch.func.vmap(lambda d: torch.func.jvp(function, (at,), (d,))[1])(directions)
 
 
 class Cup(nn.Module, ABC):

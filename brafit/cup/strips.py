@@ -21,7 +21,7 @@ from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, Wire
 from brafit.geometry.developable import dot, unit
 from brafit.geometry.grid import chebyshev_synthesis, like
-from brafit.geometry.strip import Nodes, Rates, Strip, apply, apply_row, next_rates, roll, strip, turned
+from brafit.geometry.strip import Angle, Nodes, Rates, Strip, apply, apply_row, next_rates, roll, strip, turned
 
 RIB_LIMIT = 1.3
 """Largest rib angle in radians: alpha = 1.3 tanh(series / 1.3)."""
@@ -122,35 +122,29 @@ class StripsCup(Cup):
 
     # --- the chain of panels ---
 
-    def _log_length(
-        self, named: dict[str, Tensor], i: int, x: Tensor, basis: Tensor, basis_slope: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """log(t / (1 - x^2)) of panel i at x and its derivative by s."""
-        log, slope = (_series(named["length"][:, i], b) for b in (basis, basis_slope))
-        if i == self.panels - 1:
-            corner, corner_slope = _corner(named["corner"], x)
-            log, slope = log + corner, slope + corner_slope
-        return log, slope
-
     def _march(self, flat: Float[Tensor, "batch size"], grid: "_Grid") -> Iterator["_Panel"]:
         """The panels in turn, at the nodes of a grid."""
         named = self.split(flat)
         rates = Rates(grid.speed, grid.k1, grid.k2, grid.w)
         edge, T, U, V = grid.edge, grid.T, grid.U, grid.V
+        series = _series(torch.cat((named["rib"], named["length"]), dim=1), grid.basis, grid.basis_slope)
+        values, slopes = (v.unbind(1) for v in series)
         for i in range(self.panels):
-            lean, lean_slope = (_series(named["rib"][:, i], b) for b in (grid.basis, grid.basis_slope))
-            bounded = torch.tanh(lean / RIB_LIMIT)
-            alpha, saturation = RIB_LIMIT * bounded, 1 - bounded * bounded
-            log, log_slope = self._log_length(named, i, grid.x, grid.basis, grid.basis_slope)
+            bounded, lean_slope = torch.tanh(values[i] / RIB_LIMIT), slopes[i]
+            log, log_slope = values[self.panels + i], slopes[self.panels + i]
+            if i == self.panels - 1:
+                corner, corner_slope = _corner(named["corner"], grid.x)
+                log, log_slope = log + corner, log_slope + corner_slope
+            alpha, saturation = Angle.of(RIB_LIMIT * bounded), 1 - bounded * bounded
             size = torch.exp(log)
-            t, t_slope = size * grid.bump, size * (grid.bump_slope + grid.bump * log_slope)
-            phi, _ = roll(rates, torch.tan(alpha), named["angle"][:, i], grid.integral)
+            t, t_slope = size * grid.bump, size * torch.addcmul(grid.bump_slope, grid.bump, log_slope)
+            phi = Angle.of(roll(rates, alpha.tangent, named["angle"][:, i], grid.integral))
             panel = strip(rates, phi, alpha, saturation * lean_slope, t, t_slope)
             xi, eta = turned(U, V, phi)
             d_max, d = turned(T, xi, alpha)
-            yield _Panel(rates, edge, T, bounded, lean_slope, t_slope, panel, d, d_max, eta)
+            yield _Panel(rates, edge, bounded, lean_slope, t_slope, panel, d, d_max, eta)
             edge = edge + t[..., None] * d
-            T, U = turned(d_max, d, -panel.beta)
+            U, T = turned(d, d_max, panel.beta)
             V = eta
             if i + 1 < self.panels:
                 rates = next_rates(panel, grid.derivative)
@@ -182,14 +176,14 @@ class StripsCup(Cup):
         # are evaluated here.
         last = panels[-1]
         x = 2 * self.stations / LENGTH - 1
-        basis, basis_slope = _basis(self.terms, x)
-        log, log_slope = self._log_length(self.split(flat), self.panels - 1, x, basis, basis_slope)
+        named = self.split(flat)
+        log, log_slope = (v[:, 0] for v in _series(named["length"][:, -1:], *_basis(self.terms, x)))
+        corner, corner_slope = _corner(named["corner"], x)
+        log, log_slope = log + corner, log_slope + corner_slope
         bump = (1 - x * x).clamp_min(0)
         t, t_slope = torch.exp(log) * bump, torch.exp(log) * (bump * log_slope - 4 / LENGTH * x)
-        sine, cosine = torch.sin(last.strip.alpha), torch.cos(last.strip.alpha)
-        back, opening, spin = (
-            apply_row(at, v) for v in (last.rates.speed * sine, last.rates.speed * cosine, last.strip.spin)
-        )
+        leaning = last.rates.speed * last.strip.alpha.sine
+        back, opening, spin = (apply_row(at, v) for v in (leaning, last.strip.opening, last.strip.spin))
         d = directions[:, -1]
         d_max = torch.linalg.cross(d, unit(apply(at, last.eta)))
         upper = edges[:, -1] + t[..., None] * d
@@ -219,7 +213,8 @@ class StripsCup(Cup):
         margins, margin_columns = [], flat.new_zeros(batch, self.panels, n, len(columns))
         width = 0
         d_speed = d_k1 = d_k2 = d_w = flat.new_zeros(batch, n, 0)
-        d_edge = theta = flat.new_zeros(batch, n, 3, 0)
+        # how the frame of the lower edge turns, about its own axes T, U and V
+        about_T = about_U = about_V = flat.new_zeros(batch, n, 0)
         panels = list(self._march(flat, grid))
         for i, panel in enumerate(panels):
             own_log, own_log_slope = basis, basis_slope
@@ -232,10 +227,18 @@ class StripsCup(Cup):
             size = width + own
             angle, rib, length = width, slice(width + 1, width + 1 + terms), slice(width + 1 + terms, size)
             scalars = panel.strip
-            sine, cosine = (f(scalars.phi)[..., None] for f in (torch.sin, torch.cos))
-            rib_sine, rib_cosine = (f(scalars.alpha)[..., None] for f in (torch.sin, torch.cos))
-            slope = rib_sine / rib_cosine
-            omega_xi, omega_eta = scalars.omega_xi[..., None], scalars.omega_eta[..., None]
+            sine, cosine, rib_sine, rib_cosine, slope, omega_xi, omega_eta = (
+                v[..., None]
+                for v in (
+                    scalars.phi.sine,
+                    scalars.phi.cosine,
+                    scalars.alpha.sine,
+                    scalars.alpha.cosine,
+                    scalars.alpha.tangent,
+                    scalars.omega_xi,
+                    scalars.omega_eta,
+                )
+            )
             t, p, q, spin, speed = (
                 v[..., None] for v in (scalars.t, scalars.p, scalars.q, scalars.spin, scalars.speed)
             )
@@ -245,26 +248,22 @@ class StripsCup(Cup):
             own_alpha = saturation * basis
             own_alpha_slope = saturation * (basis_slope - twice * basis)
             own_t = t * own_log
-            own_t_slope = panel.t_slope[..., None] * own_log + t * own_log_slope
+            own_t_slope = torch.addcmul(t * own_log_slope, panel.t_slope[..., None], own_log)
+            bending = torch.addcmul(d_k1 * sine, d_k2, cosine, value=-1)
 
             # the roll: delta' + a delta = h, delta(middle) = delta of the angle
-            h = flat.new_empty(batch, n, width + terms)
-            h[..., :width] = -d_w - (d_k1 * sine - d_k2 * cosine) * slope
-            h[..., width:] = -omega_xi / rib_cosine**2 * own_alpha
+            h = torch.cat((-torch.addcmul(d_w, bending, slope), -omega_xi / rib_cosine**2 * own_alpha), dim=-1)
             factor = torch.exp(apply(grid.integral, omega_eta * slope).clamp(-40, 40))
-            h = apply(grid.integral, factor * h) / factor
-            d_phi = flat.new_zeros(batch, n, size)
-            d_phi[..., :width] = h[..., :width]
-            d_phi[..., angle] = 1 / factor[..., 0]
-            d_phi[..., rib] = h[..., width:]
+            h = apply(grid.integral, factor * h)
+            d_phi = torch.cat((h[..., :width], torch.ones_like(factor), h[..., width:]), dim=-1) / factor
+            d_phi = pad(d_phi, (0, size - d_phi.shape[-1]))
 
-            d_xi, d_spin = (pad(v, (0, own)) for v in (d_k1 * sine - d_k2 * cosine, d_k1 * cosine + d_k2 * sine))
-            d_xi.addcmul_(omega_eta, d_phi)
-            d_spin.addcmul_(omega_xi, d_phi, value=-1)
+            d_xi = pad(bending, (0, own)).addcmul_(omega_eta, d_phi)
+            d_spin = pad(torch.addcmul(d_k1 * cosine, d_k2, sine), (0, own)).addcmul_(omega_xi, d_phi, value=-1)
             d_spin[..., rib] += own_alpha_slope
             d_open = pad(d_speed * rib_cosine, (0, own))
             d_open[..., rib] -= speed * rib_sine * own_alpha
-            d_q = d_open - t * d_spin
+            d_q = torch.addcmul(d_open, t, d_spin, value=-1)
             d_q[..., length] -= spin * own_t
             d_p = pad(-d_speed * rib_sine, (0, own))
             d_p[..., rib] -= speed * rib_cosine * own_alpha
@@ -272,32 +271,39 @@ class StripsCup(Cup):
             opening = scalars.opening[..., None]
             margin = q / opening
             margins.append(margin[..., 0])
-            margin_columns[:, i, :, :size] = (d_q - margin * d_open) / opening
+            margin_columns[:, i, :, :size] = torch.addcmul(d_q, margin, d_open, value=-1) / opening
 
-            # frames turn by theta, edges move
-            theta = pad(theta, (0, own))
-            theta.addcmul_(panel.T[..., None], d_phi[..., None, :])
-            theta[..., rib] += panel.eta[..., None] * own_alpha[..., None, :]
-            d_edge = pad(d_edge, (0, own)).add_(_cross(theta, panel.reach))
-            d_edge[..., length] += panel.d[..., None] * own_t[..., None, :]
-            d_tangent = _cross(theta, panel.upper_tangent)
-            d_tangent.addcmul_(panel.d[..., None], d_p[..., None, :])
-            d_tangent.addcmul_(panel.d_max[..., None], d_q[..., None, :])
-            table[:, (i + 1) * n : (i + 2) * n, :, :size] = d_edge
-            table[:, rows + (i + 1) * n : rows + (i + 2) * n, :, :size] = d_tangent
+            # the frame of the rulings turns, about d, d_max and eta, and the edge moves
+            about_xi = pad(torch.addcmul(about_U * cosine, about_V, sine), (0, own))
+            about_eta = pad(torch.addcmul(about_V * cosine, about_U, sine, value=-1), (0, own))
+            about_eta[..., rib] += own_alpha
+            about_T = d_phi if i == 0 else d_phi + pad(about_T, (0, own))
+            about_d = torch.addcmul(about_xi * rib_cosine, about_T, rib_sine, value=-1)
+            about_d_max = torch.addcmul(about_xi * rib_sine, about_T, rib_cosine)
+            lower, upper = (table[:, k * n : (k + 1) * n, :, :size] for k in (i, i + 1))
+            upper.copy_(lower)
+            _add_vectors(upper, panel.eta, t * about_d_max)
+            _add_vectors(upper, panel.d_max, -t * about_eta)
+            _add_vectors(upper[..., length], panel.d, own_t)
+            tangent = table[:, rows + (i + 1) * n : rows + (i + 2) * n, :, :size]
+            _add_vectors(tangent, panel.d, torch.addcmul(d_p, q, about_eta))
+            _add_vectors(tangent, panel.d_max, torch.addcmul(d_q, p, about_eta, value=-1))
+            _add_vectors(tangent, panel.eta, torch.addcmul(p * about_d_max, q, about_d, value=-1))
 
             if i + 1 < self.panels:
-                squared = p * p + q * q
-                d_beta = (p * d_q - q * d_p) / squared
-                d_speed = (p * d_p + q * d_q) / squared.sqrt()
+                next_speed = scalars.next_speed[..., None]
+                turn_sine, turn_cosine = (v[..., None] for v in (scalars.beta.sine, scalars.beta.cosine))
+                d_speed = torch.addcmul(turn_cosine * d_q, turn_sine, d_p, value=-1)
+                d_beta = -torch.addcmul(turn_cosine * d_p, turn_sine, d_q) / next_speed
                 bend = omega_xi / rib_cosine
                 d_bend = d_xi / rib_cosine
                 d_bend[..., rib] += bend * slope * own_alpha
-                turn_sine, turn_cosine = (f(scalars.beta)[..., None] for f in (torch.sin, torch.cos))
                 d_k1 = d_spin - apply(grid.derivative, d_beta)
-                d_k2 = turn_sine * bend * d_beta - turn_cosine * d_bend
-                d_w = -turn_cosine * bend * d_beta - turn_sine * d_bend
-                theta.addcmul_(panel.eta[..., None], d_beta[..., None, :], value=-1)
+                d_k2 = torch.addcmul(turn_sine * bend * d_beta, turn_cosine, d_bend, value=-1)
+                d_w = -torch.addcmul(turn_cosine * bend * d_beta, turn_sine, d_bend)
+                about_T = torch.addcmul(turn_cosine * about_d_max, turn_sine, about_d, value=-1)
+                about_U = torch.addcmul(turn_cosine * about_d, turn_sine, about_d_max)
+                about_V = about_eta - d_beta
                 width = size
         return Linearised(
             shape=self._shape(grid, panels),
@@ -376,12 +382,11 @@ class StripsCup(Cup):
 
 @dataclass(frozen=True)
 class _Panel:
-    """One panel at the nodes: rates of its lower edge, the edge and its unit tangent, tanh of the rib angle's series
-    and the series' slope, slope of the ruling length, scalars, frame."""
+    """One panel at the nodes: rates of its lower edge, the edge, tanh of the rib angle's series and the series' slope,
+    slope of the ruling length, scalars, frame."""
 
     rates: Rates
     lower: Tensor
-    T: Tensor
     bounded: Tensor
     lean_slope: Tensor
     t_slope: Tensor
@@ -391,16 +396,12 @@ class _Panel:
     eta: Tensor
 
     @property
-    def reach(self) -> Tensor:
-        return self.strip.t[..., None] * self.d
-
-    @property
     def upper(self) -> Tensor:
-        return self.lower + self.reach
+        return torch.addcmul(self.lower, self.strip.t[..., None], self.d)
 
     @property
     def upper_tangent(self) -> Tensor:
-        return self.strip.p[..., None] * self.d + self.strip.q[..., None] * self.d_max
+        return torch.addcmul(self.strip.p[..., None] * self.d, self.strip.q[..., None], self.d_max)
 
 
 class _Grid(nn.Module):
@@ -471,8 +472,15 @@ def _basis(terms: int, x: Float[Tensor, " n"]) -> tuple[Float[Tensor, "terms n"]
     return like(values, x), like(slopes * (2 / LENGTH), x)
 
 
-def _series(coefficients: Float[Tensor, "batch terms"], basis: Float[Tensor, "terms n"]) -> Float[Tensor, "batch n"]:
-    return (coefficients[:, :, None] * basis).sum(1)
+def _series(
+    coefficients: Float[Tensor, "batch series terms"],
+    basis: Float[Tensor, "terms n"],
+    basis_slope: Float[Tensor, "terms n"],
+) -> tuple[Float[Tensor, "batch series n"], Float[Tensor, "batch series n"]]:
+    """Values of series and their derivatives."""
+    both = torch.cat((basis, basis_slope), dim=-1)
+    values, slopes = torch.bmm(coefficients, both.expand(len(coefficients), -1, -1)).chunk(2, dim=-1)
+    return values, slopes
 
 
 def _corner(corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]) -> tuple[Tensor, Tensor]:
@@ -493,8 +501,8 @@ def _corner_columns(corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]) ->
     return log, slope * (2 / LENGTH)
 
 
-def _cross(turn: Float[Tensor, "*batch 3 k"], vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 k"]:
-    """turn x vector for each of the k columns."""
-    x, y, z = vector[..., None].unbind(-2)
-    a, b, c = turn.unbind(-2)
-    return torch.stack((b * z - c * y, c * x - a * z, a * y - b * x), dim=-2)
+def _add_vectors(
+    table: Float[Tensor, "*batch 3 k"], vector: Float[Tensor, "*batch 3"], factors: Float[Tensor, "*batch k"]
+) -> None:
+    """Add a multiple of the vector to each of the k columns."""
+    table.addcmul_(vector[..., None], factors[..., None, :])
