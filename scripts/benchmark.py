@@ -293,7 +293,7 @@ def residual_function(objective: Objective) -> Callable[[np.ndarray], np.ndarray
         place = torch.as_tensor(flat)[None]
         shape = objective.cup.sketch(place)
         points = objective.points_block(objective.distances(shape, objective.feet(shape)))
-        blocks = [points, *objective.blocks(place, shape, Pressure(1.0))]
+        blocks = [points, *objective.blocks(place, shape, Pressure(1.0), shape.margin)]
         parts = [(b.weight * b.loss(b.squared())[0]).clamp_min(0).sqrt().expand_as(b.squared()) for b in blocks]
         return torch.cat([p[0] for p in parts]).numpy()
 

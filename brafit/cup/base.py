@@ -13,7 +13,6 @@ from torch import Tensor, nn
 
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, Wire
-from brafit.geometry.developable import regularity
 from brafit.geometry.nearest import sample_table
 
 
@@ -155,15 +154,19 @@ class Cup(nn.Module, ABC):
 
         def parts(at: Tensor) -> tuple[Tensor, ...]:
             own = self.sketch(at)
-            margin = regularity(own.tangents[:, :-1], own.tangents[:, 1:], own.directions)
             constraints = self.constraints(own)
-            return sample_table(own.edges, own.tangents), margin, self.roughness(at), *(constraints[k] for k in names)
+            return (
+                sample_table(own.edges, own.tangents),
+                own.margin,
+                self.roughness(at),
+                *(constraints[k] for k in names),
+            )
 
         table, margin, roughness, *others = (v.movedim(0, -1) for v in derivatives(parts, flat, columns))
         return Linearised(
             shape=shape,
             table=table.contiguous(),
-            margin=regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions),
+            margin=shape.margin,
             margin_columns=margin,
             roughness=roughness,
             constraints=dict(zip(names, others, strict=True)),

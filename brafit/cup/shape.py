@@ -8,6 +8,8 @@ from dataclasses import dataclass, fields, replace
 from jaxtyping import Float
 from torch import Tensor
 
+from brafit.geometry.developable import regularity
+
 
 @dataclass(frozen=True)
 class CupShape:
@@ -43,6 +45,12 @@ class CupShape:
     def lengths(self) -> Float[Tensor, "*batch panels n"]:
         """Ruling lengths t_max."""
         return (self.edges[..., 1:, :, :] - self.edges[..., :-1, :, :]).norm(dim=-1)
+
+    @property
+    def margin(self) -> Float[Tensor, "*batch panels n"]:
+        """Regularity margin of every ruling, see `regularity`."""
+        lower, upper = self.tangents[..., :-1, :, :], self.tangents[..., 1:, :, :]
+        return regularity(lower, upper, self.directions)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> "CupShape":
         """The shape with `function` applied to every batched tensor (for indexing, detaching, moving)."""

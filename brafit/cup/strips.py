@@ -225,7 +225,7 @@ class StripsCup(Cup):
                 own_log_slope = torch.cat((basis_slope.expand(batch, -1, -1), extra_slope), dim=-1)
             own = 1 + terms + own_log.shape[-1]
             size = width + own
-            angle, rib, length = width, slice(width + 1, width + 1 + terms), slice(width + 1 + terms, size)
+            rib, length = slice(width + 1, width + 1 + terms), slice(width + 1 + terms, size)
             scalars = panel.strip
             sine, cosine, rib_sine, rib_cosine, slope, omega_xi, omega_eta = (
                 v[..., None]

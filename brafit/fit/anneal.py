@@ -77,7 +77,8 @@ class Anneal:
         for _ in range(LOOKS if objective.cup.exact else 0):
             left = (~run.diverged).nonzero()[:, 0]
             part, place = objective.select(left), run.place[left]
-            low, factor = part.margins(place) < objective.conditions.margin, part.neckline_factor(place)
+            shape = part.cup.shape_of(place)
+            low, factor = shape.margin.amin((-2, -1)) < objective.conditions.margin, part.neckline_factor(shape)
             wanting = low | (factor > 1)
             if not wanting.any():
                 break

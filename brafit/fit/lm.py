@@ -122,11 +122,12 @@ class LM:
                     codes[row] = ResultCode.DIVERGED if diverged else code
                 if not last and stage.terms is not None:
                     break
-                factor = part.neckline_factor(ending.place)
+                shape = part.cup.shape_of(ending.place) if last else part.cup.sketch(ending.place)
+                factor = part.neckline_factor(shape)
                 neckline[running] *= factor[:, None]
                 if not last:
                     break
-                low = part.margins(ending.place) < objective.conditions.margin - self.margin
+                low = shape.margin.amin((-2, -1)) < objective.conditions.margin - self.margin
                 barrier[running[low]] *= 10
                 running = running[low | (factor > 1)]
                 if len(running) == 0:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from brafit.cup.condition import nearest_on_polyline, polyline_points
 from brafit.cup.shape import CupShape
-from brafit.geometry.developable import dot, regularity, rib_angle, twist_angle
+from brafit.geometry.developable import dot, rib_angle, twist_angle
 from brafit.geometry.development import FlatPanel, arc_lengths, develop
 from brafit.geometry.grid import sliding_derivative
 from brafit.geometry.nearest import project
@@ -77,7 +77,7 @@ def figures_of(
         "wire_smoothing_mm": smoothing,
         "wire_drift_mm": (_between(shape) - wire).norm(dim=-1).max().item(),
         "twist_deg_max": twist.item(),
-        "regularity_min": regularity(shape.tangents[:-1], shape.tangents[1:], shape.directions).min().item(),
+        "regularity_min": shape.margin.min().item(),
         "isometry_mm": max(c.max().item() for c in changes),
         "seam_mismatch_mm": seams.max().item() if len(seams) else 0.0,
     }

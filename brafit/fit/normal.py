@@ -76,30 +76,32 @@ def normal_equations(
     `near`: feet at a place nearby, to be followed instead of a search.
     """
     linear = objective.cup.linearise(flat, terms)
-    shape = linear.shape
-    points, feet, gradient, matrix = _points(objective, linear, near)
-    blocks = objective.blocks(flat, shape, pressure)
+    values, feet, gradient, matrix = _points(objective, linear, near)
+    blocks = objective.blocks(flat, linear.shape, pressure, linear.margin)
     if blocks:
         jacobian = torch.cat([_jacobian(block, linear, objective) for block in blocks], dim=1)
-        slope = torch.cat([slopes(block) for block in blocks], dim=1)
+        own, slopes = zip(*(block.model() for block in blocks), strict=True)
+        values |= dict(zip((block.name for block in blocks), own, strict=True))
+        slope = torch.cat(slopes, dim=1)
         gradient += _weighted(jacobian, slope * torch.cat([block.residual for block in blocks], dim=1))
         matrix += gram(jacobian, slope)
-    values = {block.name: block.value() for block in (points, *blocks)}
     value = torch.stack(list(values.values())).sum(0)
     order = linear.columns.argsort()
     gradient, matrix = gradient[:, order], matrix[:, order][:, :, order]
     return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), values, feet)
 
 
-def _points(objective: Objective, linear: Linearised, near: Feet | None) -> tuple[Block, Feet, Tensor, Tensor]:
-    """The points' block with their feet, its gradient and matrix, some points at a time."""
+def _points(
+    objective: Objective, linear: Linearised, near: Feet | None
+) -> tuple[dict[str, Tensor], Feet, Tensor, Tensor]:
+    """The points' value by its name, their feet, the gradient and the matrix, some points at a time."""
     shape, points = linear.shape, objective.targets.points
     stations, edges = shape.stations, shape.edges
     batch, count = points.shape[:2]
     projection = project(points, edges, shape.tangents, stations, _ITERATIONS if near is None else _FOLLOWING, near)
     feet, directions, distances = projection.feet, projection.directions, projection.distances
     block = objective.points_block(distances)
-    slope = slopes(block)
+    value, slope = block.model()
     size = len(linear.columns)
     gradient, matrix = points.new_zeros(batch, size), points.new_zeros(batch, size, size)
     chunk = max(1, ROWS // max(1, batch * size))
@@ -109,7 +111,7 @@ def _points(objective: Objective, linear: Linearised, near: Feet | None) -> tupl
         jacobian = distance_jacobian(directions[:, part], own, stations, edges.shape[1], linear.table)
         gradient += _weighted(jacobian, (slope * distances)[:, part])
         matrix += gram(jacobian, slope[:, part])
-    return block, feet, gradient, matrix
+    return {block.name: value}, feet, gradient, matrix
 
 
 def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[Tensor, "batch m columns"]:
@@ -123,13 +125,6 @@ def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[T
     if block.name == "roughness":
         return linear.roughness
     return linear.constraints[block.name]
-
-
-def slopes(block: Block) -> Float[Tensor, "batch m"]:
-    """Gauss-Newton weights of a block's residuals: 2 weight rho'. Times the residual: the value's derivative by it."""
-    squared = block.squared()
-    slope = (2 * block.weight * block.loss(squared)[1]).expand_as(squared)
-    return slope if block.gaps is None else slope.repeat_interleave(3, dim=-1)
 
 
 def gram(

@@ -19,7 +19,6 @@ from brafit.cup.condition import Gaps, gaps_to_line, gaps_to_points, gaps_to_she
 from brafit.cup.shape import CupShape
 from brafit.fit.loss import Loss, beyond, fuzzy, point_loss, square
 from brafit.fit.targets import Targets
-from brafit.geometry.developable import regularity
 from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
 
 Flat = Float[Tensor, "batch size"]
@@ -90,6 +89,15 @@ class Block:
 
     def value(self) -> Float[Tensor, " batch"]:
         return (self.weight * self.loss(self.squared())[0]).sum(-1)
+
+    def model(self) -> tuple[Float[Tensor, " batch"], Float[Tensor, "batch m"]]:
+        """The value, and the residuals' Gauss-Newton weights 2 weight rho'. A weight times its residual is the value's
+        derivative by it.
+        """
+        squared = self.squared()
+        rho, slope = self.loss(squared)
+        slope = 2 * self.weight * slope
+        return (self.weight * rho).sum(-1), slope if self.gaps is None else slope.repeat_interleave(3, dim=-1)
 
     def squared(self) -> Float[Tensor, "batch k"]:
         """What rho takes: squared residuals, or squared lengths of gaps."""
@@ -188,13 +196,8 @@ class Objective:
             return self if self.guides is None else self._with(targets=self.targets.thinned(0), guiding=True)
         return self.thinned(points)
 
-    def margins(self, flat: Flat) -> Float[Tensor, " batch"]:
-        """Smallest regularity margin of each cup as it is given out."""
-        shape = self.cup.shape_of(flat)
-        return regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions).amin((-2, -1))
-
     @torch.no_grad()
-    def neckline_factor(self, flat: Flat) -> Float[Tensor, " batch"]:
+    def neckline_factor(self, shape: CupShape) -> Float[Tensor, " batch"]:
         """By how much to raise the neckline's weight: the mean distance between upper edge and neckline, both ways,
         over its limit, to a power. 1 where it is within the limit, where there is no neckline, and for cups that are
         not exact.
@@ -202,7 +205,7 @@ class Objective:
         limit = self.conditions.neckline_limit
         if limit is None or not self.cup.exact or self.conditions.neckline == 0:
             return torch.ones_like(self.targets.scale)
-        shape, line = self.cup.shape_of(flat), self.targets.neckline
+        line = self.targets.neckline
         there = gaps_to_line(shape, -1, line).vectors.norm(dim=-1) @ station_weights(shape.stations)
         back = gaps_to_points(shape, -1, line).vectors.norm(dim=-1).mean(-1)
         excess = 0.5 * (there + back) * self.targets.scale / limit
@@ -226,13 +229,14 @@ class Objective:
         width = c.points_width / self.targets.scale[:, None]
         return Block("points", distances, self.targets.weights, point_loss(c.points, width))
 
-    def blocks(self, flat: Flat, shape: CupShape, pressure: Pressure) -> list[Block]:
-        """All residuals but the points', constraints last."""
+    def blocks(
+        self, flat: Flat, shape: CupShape, pressure: Pressure, margin: Float[Tensor, "batch panels n"]
+    ) -> list[Block]:
+        """All residuals but the points', constraints last. `margin`: the regularity margin."""
         c = self.conditions
         blocks = self._guided_edges(shape) if self.guiding else self._wanted_edges(shape, pressure)
         if c.barrier > 0:
-            margin = regularity(shape.tangents[:, :-1], shape.tangents[:, 1:], shape.directions).flatten(1)
-            short = shortfall(margin, c.margin, c.margin_width)
+            short = shortfall(margin.flatten(1), c.margin, c.margin_width)
             blocks.append(Block("regularity", short, c.barrier * pressure.barrier / short.shape[1]))
         if c.smoothness > 0:
             blocks.append(Block("roughness", self.cup.roughness(flat), c.smoothness))
@@ -241,6 +245,11 @@ class Objective:
             residual = value if shift is None else value + shift / pressure.penalty
             blocks.append(Block(name, residual, 0.5 * pressure.penalty))
         return blocks
+
+    def _all(self, flat: Flat, shape: CupShape, pressure: Pressure) -> list[Block]:
+        """The points' residuals and all others."""
+        points = self.points_block(self.distances(shape, self.feet(shape)))
+        return [points, *self.blocks(flat, shape, pressure, shape.margin)]
 
     def _guided_edges(self, shape: CupShape) -> list[Block]:
         """Every edge drawn to its guide both ways."""
@@ -294,17 +303,14 @@ class Objective:
     def value(self, flat: Flat, pressure: Pressure) -> Float[Tensor, " batch"]:
         """The value alone, for solvers that want no gradient."""
         shape = self.cup.sketch(flat)
-        blocks = [self.points_block(self.distances(shape, self.feet(shape))), *self.blocks(flat, shape, pressure)]
-        return torch.stack([block.value() for block in blocks]).sum(0)
+        return torch.stack([block.value() for block in self._all(flat, shape, pressure)]).sum(0)
 
     def evaluate(self, flat: Flat, pressure: Pressure) -> Evaluation:
         """Value, gradient and the value of each block."""
         with torch.enable_grad():
             flat = flat.detach().requires_grad_()
             shape = self.cup.sketch(flat)
-            points = self.points_block(self.distances(shape, self.feet(shape)))
-            blocks = [points, *self.blocks(flat, shape, pressure)]
-            values = {block.name: block.value() for block in blocks}
+            values = {block.name: block.value() for block in self._all(flat, shape, pressure)}
             value = torch.stack(list(values.values())).sum(0)
             (gradient,) = torch.autograd.grad(value.sum(), flat)
         return Evaluation(value.detach(), gradient, {k: v.detach() for k, v in values.items()})

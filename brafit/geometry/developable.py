@@ -104,5 +104,5 @@ def regularity(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vector
     rulings (a cylinder), 0 where the upper edge touches the edge of regression, negative where rulings cross.
     Tangents are by the common parameter s.
     """
-    d_max = torch.linalg.cross(direction, normals(lower_tangent, direction))
-    return dot(upper_tangent, d_max) / dot(lower_tangent, d_max)
+    normal = torch.linalg.cross(lower_tangent, direction)
+    return dot(torch.linalg.cross(upper_tangent, direction), normal) / dot(normal, normal)
