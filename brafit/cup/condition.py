@@ -10,7 +10,7 @@ from torch import Tensor
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, unit
-from brafit.geometry.nearest import gather_rows, hermite, hermite_slope, nearest_on_curve
+from brafit.geometry.nearest import gather_rows, hermite, hermite_slope, nearest_on_curve, weighted
 
 Points = Float[Tensor, "batch m 3"]
 
@@ -69,8 +69,10 @@ class Gaps:
             index, table.reshape(batch * rows, -1), mode="sum", per_sample_weights=weight
         )
         moved = moved.view(batch, -1, *table.shape[2:])
-        along = (moved * self.sliding[..., None]).sum(-2, keepdim=True)
-        return moved.addcmul_(along, self.sliding[..., None], value=-1)
+        sliding = self.sliding[..., None]
+        (x, y, z), (a, b, c) = moved.unbind(-2), sliding.unbind(-2)
+        along = torch.addcmul(torch.addcmul(x * a, y, b), z, c)[..., None, :]
+        return moved.addcmul_(along, sliding, value=-1)
 
 
 def gaps_to_line(shape: CupShape, edge: int, line: Float[Tensor, "batch k 3"]) -> Gaps:
@@ -119,12 +121,12 @@ def gaps_to_points(shape: CupShape, edge: int, points: Points) -> Gaps:
         segment, tau = nearest_on_curve(points, line.detach(), tangents.detach(), stations)
         h = stations[segment + 1] - stations[segment]
         index = torch.stack((segment, segment + 1, segment + n, segment + n + 1), dim=-1)
-        samples = gather_rows(own, index)
         weight = hermite(tau, h)
-        slope = (samples * hermite_slope(tau, h)[..., None]).sum(-2)
+    samples = gather_rows(own, index)
+    with torch.no_grad():
         end = ((segment == 0) & (tau == 0)) | ((segment == n - 2) & (tau == 1))
-        sliding = torch.where(end[..., None], torch.zeros_like(slope), unit(slope))
-    offset = (gather_rows(own, index) * weight[..., None]).sum(-2) - points
+        sliding = torch.where(end[..., None], 0.0, unit(weighted(hermite_slope(tau, h), samples)))
+    offset = weighted(weight, samples) - points
     vectors = offset - dot(offset, sliding)[..., None] * sliding
     edges = shape.edges.shape[1]
     first = edge % edges * n

@@ -19,6 +19,7 @@ from brafit.cup.condition import Gaps, gaps_to_line, gaps_to_points, gaps_to_she
 from brafit.cup.shape import CupShape
 from brafit.fit.loss import Loss, beyond, fuzzy, point_loss, square
 from brafit.fit.targets import Targets
+from brafit.geometry.developable import dot
 from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
 
 Flat = Float[Tensor, "batch size"]
@@ -101,8 +102,7 @@ class Block:
 
     def squared(self) -> Float[Tensor, "batch k"]:
         """What rho takes: squared residuals, or squared lengths of gaps."""
-        squared = self.residual.square()
-        return squared if self.gaps is None else squared.unflatten(-1, (-1, 3)).sum(-1)
+        return self.residual.square() if self.gaps is None else dot(self.gaps.vectors, self.gaps.vectors)
 
 
 @dataclass(frozen=True)

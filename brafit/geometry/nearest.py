@@ -93,10 +93,15 @@ def gather_rows(
     return table.gather(-2, flat).unflatten(-2, index.shape[-2:])
 
 
+def weighted(weight: Float[Tensor, "*batch p m"], rows: Float[Tensor, "*batch p m k"]) -> Float[Tensor, "*batch p k"]:
+    """Weighted sums of rows."""
+    return (weight[..., None, :] @ rows)[..., 0, :]
+
+
 def surface_points(edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], feet: Feet) -> Points:
     """X(s*, u*): differentiable in the edges, with the feet held fixed."""
     index, weight = stencil(feet, stations, edges.shape[-3])
-    return (gather_rows(sample_table(edges, tangents), index) * weight[..., None]).sum(-2)
+    return weighted(weight, gather_rows(sample_table(edges, tangents), index))
 
 
 def surface_normals(edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], feet: Feet) -> Points:
@@ -104,17 +109,17 @@ def surface_normals(edges: Edges, tangents: Edges, stations: Float[Tensor, " n"]
     rows = sample_table(edges, tangents)
     index, slope = stencil(feet, stations, edges.shape[-3], slope=True)
     samples = gather_rows(rows, index)
-    along = (samples * slope[..., None]).sum(-2)
+    along = weighted(slope, samples)
     h = stations[feet.interval + 1] - stations[feet.interval]
-    bare = hermite(feet.tau, h)[..., None]
-    ruling = (samples[..., 4:, :] * bare).sum(-2) - (samples[..., :4, :] * bare).sum(-2)
+    bare = hermite(feet.tau, h)
+    ruling = weighted(bare, samples[..., 4:, :] - samples[..., :4, :])
     return unit(torch.linalg.cross(along, ruling))
 
 
 @torch.no_grad()
 def sampled_distances(
     points: Points, edges: Edges
-) -> tuple[Int[Tensor, "*batch panels points"], Float[Tensor, "*batch panels points"]]:
+) -> tuple[Int[Tensor, "panels *batch points"], Float[Tensor, "panels *batch points"]]:
     """Nearest sampled ruling of every panel, by the closed-form distance to the segments, and the squared distances
     to them.
     """
@@ -126,8 +131,8 @@ def sampled_distances(
     d = ruling / length[..., None]
     offset = dot(lower, d)
     square = dot(lower, lower)
-    nearest = torch.empty(len(p), panels, p.shape[1], dtype=torch.long, device=p.device)
-    least = torch.empty(len(p), panels, p.shape[1], dtype=p.dtype, device=p.device)
+    nearest = torch.empty(panels, len(p), p.shape[1], dtype=torch.long, device=p.device)
+    least = torch.empty(panels, len(p), p.shape[1], dtype=p.dtype, device=p.device)
     chunk = max(1, CHUNK // max(1, len(p) * panels * n))
     for start in range(0, p.shape[1], chunk):
         q = p[:, start : start + chunk]
@@ -136,9 +141,10 @@ def sampled_distances(
         # |q - x - t d|^2 without |q|^2, which does not depend on the ruling
         squared = torch.baddbmm(square[:, None, :], q, lower.mT, alpha=-2).addcmul_(clamped, clamped.sub(t, alpha=2))
         found, index = squared.unflatten(-1, (panels, n)).min(-1)
-        nearest[..., start : start + chunk] = index.mT
-        least[..., start : start + chunk] = (found + dot(q, q)[..., None]).mT
-    return nearest.reshape(*batch, panels, -1), least.reshape(*batch, panels, -1)
+        nearest[..., start : start + chunk] = index.movedim(-1, 0)
+        least[..., start : start + chunk] = found.movedim(-1, 0)
+    least += dot(p, p)
+    return nearest.reshape(panels, *batch, -1), least.reshape(panels, *batch, -1)
 
 
 def _cubics(
@@ -213,6 +219,7 @@ def project(
     tables = _Tables.of(x, v, stations)
     problem = torch.arange(len(x), device=p.device).repeat_interleave(count) * panels
     everything = torch.arange(len(p), device=p.device)
+    components = p.mT.contiguous()
 
     def refine(index: Tensor, panel: Tensor, interval: Tensor, tau: Tensor | None) -> Tensor:
         parts = []
@@ -220,12 +227,13 @@ def project(
         for first in range(0, len(index), size):
             part = slice(first, first + size)
             own, place = index[part], None if tau is None else tau[part]
-            parts.append(_refine(p[own].mT, problem[own] + panel[part], interval[part], place, tables, iterations))
+            chosen = components.index_select(1, own)
+            parts.append(_refine(chosen, problem[own] + panel[part], interval[part], place, tables, iterations))
         return torch.cat(parts, dim=1) if parts else p.new_zeros(10, 0)
 
     if near is None:
         start, bound = _starts(points, x, panels)
-        panel = bound.argmin(0)
+        panel = bound.min(0).indices
         found = refine(everything, panel, start.gather(0, panel[None])[0], None)
         nearer = (bound < found[3]).scatter_(0, panel[None], False)
         other, index = nearer.nonzero().unbind(1)
@@ -265,15 +273,13 @@ def _starts(
     points: Points, edges: Float[Tensor, "problems edges n 3"], panels: int
 ) -> tuple[Int[Tensor, "panels all"], Float[Tensor, "panels all"]]:
     """Nearest sampled ruling of every panel, and a squared distance below which the panel does not come."""
-    start, least = (
-        w.reshape(len(edges), panels, -1)
-        for w in sampled_distances(points, edges.reshape(*points.shape[:-2], *edges.shape[1:]))
-    )
+    start, least = sampled_distances(points.reshape(len(edges), -1, 3), edges)
     # A foot lies at most half the way to the next sampled ruling aside.
-    step = (edges[:, :, 1:] - edges[:, :, :-1]).square().sum(-1)
+    step = edges.diff(dim=2)
+    step = dot(step, step)
     step = torch.maximum(torch.nn.functional.pad(step, (1, 0)), torch.nn.functional.pad(step, (0, 1)))
-    slack = 0.5 * torch.maximum(step[:, :-1], step[:, 1:]).gather(-1, start)
-    return start.movedim(1, 0).reshape(panels, -1), (least - slack).movedim(1, 0).reshape(panels, -1)
+    slack = 0.5 * torch.maximum(step[:, :-1], step[:, 1:]).movedim(1, 0).gather(-1, start)
+    return start.reshape(panels, -1), (least - slack).reshape(panels, -1)
 
 
 def _dot(a: Float[Tensor, "3 m"], b: Float[Tensor, "3 m"]) -> Float[Tensor, " m"]:
