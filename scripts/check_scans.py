@@ -42,6 +42,7 @@ from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
 from brafit.fit import CupFit, Target, fit_targets
 from brafit.fit.measure import point_distances
+from brafit.geometry.order import along_curve
 from brafit.scan import (
     Landmarks,
     Scan,
@@ -57,7 +58,6 @@ from brafit.scan import (
 from brafit.scan.checks import polyline_length
 from brafit.scan.frame import evenly_spaced
 from brafit.scan.gaps import gaps
-from brafit.scan.order import along_curve
 from brafit.scan.synthetic import on_panels
 
 PANELS = (2, 3)

@@ -84,7 +84,7 @@ class LM:
         margin: tolerance below the conditions' regularity margin at which the barrier is raised for a problem, tenfold
             each time, and its fit repeated on a finer grid. So it is where the upper edge is beyond
             `Conditions.neckline_limit`, with the neckline's weight raised; that is looked at after earlier stages
-            with all terms free as well.
+            with all terms free and no extra smoothness as well.
         apart: how far above the best, in parts of it, the objective of a start must be to count as another optimum.
     """
 
@@ -120,7 +120,7 @@ class LM:
                 for row, diverged, converged in flags:
                     code = ResultCode.CONVERGED if converged else ResultCode.STEP_LIMIT
                     codes[row] = ResultCode.DIVERGED if diverged else code
-                if not last and stage.terms is not None:
+                if not (last or self._settled(stage, objective)):
                     break
                 shape = part.cup.shape_of(ending.place) if last else part.cup.sketch(ending.place)
                 factor = part.neckline_factor(shape)
@@ -144,6 +144,11 @@ class LM:
                 live = self._drop(live, value, objective.groups, stage.keep, codes, notes if final else None)
         pressure = Pressure(self.stages[-1].penalty, multipliers, barrier, neckline)
         return Solution(close(objective, place, pressure), codes, steps, pressure, notes)
+
+    @staticmethod
+    def _settled(stage: LMStage, objective: Objective) -> bool:
+        """Whether an upper edge that is off its neckline after the stage would be off at the end, too."""
+        return stage.terms is None and stage.smoothness <= objective.conditions.smoothness
 
     def _drop(
         self,

@@ -11,10 +11,15 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from brafit.geometry.developable import dot
+from brafit.geometry.order import along_curve
+
 NECKLINE_SAMPLES = 81
 """Evenly spaced points by which a batch holds its necklines."""
 SHEET = 2000
 """Points at most that tell where a cloud without a neckline ends."""
+_WIDE = 3.0
+"""A patch of points is no patch if its radius is so many times the typical one."""
 _NEIGHBOURS = 12
 """Neighbours that a point's normal is taken from."""
 
@@ -44,7 +49,8 @@ class Target:
 
 @dataclass(frozen=True)
 class Targets:
-    """B targets in solver units. Clouds of different size are padded with points of weight 0.
+    """B targets in solver units. Clouds of different size are padded with points of weight 0, and each comes in the
+    order of `along_curve`.
 
     Attributes:
         points, weights: clouds and the weight of each point; the weights of a cloud sum to 1.
@@ -74,18 +80,35 @@ class Targets:
         return Targets(*(getattr(self, f.name)[index] for f in fields(self)))
 
     def thinned(self, count: int) -> "Targets":
-        """The targets with at most `count` points each, evenly picked in the order of the cloud."""
+        """The targets with at most `count` points each: the weighted means of as many small patches, runs of
+        neighbouring points of the same number.
+
+        Picked points would leave to chance what the early stages see, and lead clouds of one breast to different cups.
+        Only where the curve leaps within a run, its middle point stands for all.
+        """
         if count >= self.points.shape[1]:
             return self
-        own = (self.weights > 0).sum(1, keepdim=True).clamp_max(self.points.shape[1])
+        if count == 0:
+            return replace(self, points=self.points[:, :0], weights=self.weights[:, :0])
+        counted = self.weights > 0
+        own = counted.sum(1, keepdim=True).clamp_min(1)
         kept = own.clamp_max(count)
-        rank = torch.arange(count, device=own.device)
-        index = (rank * own) // kept.clamp_min(1)
-        there = rank < kept
-        index = torch.where(there, index, torch.zeros_like(index))
-        points = self.points.gather(1, index[..., None].expand(-1, -1, 3))
-        weights = torch.where(there, self.weights.gather(1, index), 0.0)
-        return replace(self, points=points, weights=weights / weights.sum(1, keepdim=True).clamp_min(1e-30))
+        patch = (counted.cumsum(1) - 1).clamp_min(0) * kept // own
+        weights = self.weights.new_zeros(len(own), count).scatter_add_(1, patch, self.weights)
+
+        def mean(values: Float[Tensor, "batch points k"]) -> Float[Tensor, "batch count k"]:
+            total = values.new_zeros(len(own), count, values.shape[2])
+            total.scatter_add_(1, patch[..., None].expand_as(values), values * self.weights[..., None])
+            return total / weights[..., None].clamp_min(1e-30)
+
+        middle = mean(self.points)
+        away = self.points - middle.gather(1, patch[..., None].expand_as(self.points))
+        spread = mean(dot(away, away)[..., None])
+        wide = spread > _WIDE**2 * spread.where(spread > 0, torch.nan).nanmedian(1, keepdim=True).values
+        rank = (2 * torch.arange(count, device=own.device) + 1) * own // (2 * kept)
+        place = counted.long().argsort(dim=1, descending=True, stable=True).gather(1, rank.minimum(own - 1))
+        points = torch.where(wide, self.points.gather(1, place[..., None].expand(-1, -1, 3)), middle)
+        return replace(self, points=points, weights=weights)
 
     @staticmethod
     def stack(targets: Sequence[Target], scale: Float[Tensor, " batch"], samples: int = NECKLINE_SAMPLES) -> "Targets":
@@ -102,9 +125,10 @@ class Targets:
         points = np.zeros((len(targets), max(counts), 3))
         weights = np.zeros(points.shape[:2])
         for row, (target, count) in enumerate(zip(targets, counts, strict=True)):
-            points[row, :count], weights[row, :count] = target.points, 1 / count
+            order = along_curve(target.points)
+            points[row, :count], weights[row, :count] = target.points[order], 1 / count
             if target.weights is not None:
-                weights[row, :count] = target.weights / target.weights.sum()
+                weights[row, :count] = target.weights[order] / target.weights.sum()
         lines = [None if t.neckline is None else resample(t.neckline, samples) for t in targets]
         neckline, has_neckline = optional(lines, np.zeros((samples, 3)))
         connection, has_connection = optional([t.strap_point for t in targets], np.zeros(3))

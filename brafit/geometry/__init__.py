@@ -9,4 +9,5 @@ Every function takes any leading batch shape, float32 or float64, on any device,
     developable   omega from two edges, rib angle, twist, regularity of a ruled panel
     nearest       nearest point on a chain of panels, with envelope gradients
     development   the panel laid flat
+    order         points in the order of a curve that fills space
 """

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from brafit.errors import ConfigError, InputError
+from brafit.geometry.order import along_curve
 from brafit.scan.body import (
     TORSO_SIZE,
     Body,
@@ -27,7 +28,6 @@ from brafit.scan.crop import facing, neckline_over
 from brafit.scan.frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end
 from brafit.scan.gaps import Gaps, gaps
 from brafit.scan.landmarks import Landmarks, landmarks_path, read_landmarks
-from brafit.scan.order import along_curve
 from brafit.scan.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud, read_cloud
 from brafit.scan.surface import Surface, surface_of
 from brafit.scan.symmetry import apart, mirror_of

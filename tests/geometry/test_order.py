@@ -1,9 +1,9 @@
 from __future__ import annotations
 
 import numpy as np
-from breasts import cup_frame_points
+from lunes import sphere_points
 
-from brafit.scan.order import along_curve
+from brafit.geometry.order import along_curve
 
 
 def test_the_curve_goes_from_cell_to_adjacent_cell_through_all_of_them():
@@ -15,7 +15,7 @@ def test_the_curve_goes_from_cell_to_adjacent_cell_through_all_of_them():
 
 
 def test_every_seventh_point_is_spread_more_evenly_than_a_random_draw():
-    points = cup_frame_points(2100)
+    points = sphere_points(2100)[0]
     few = points[along_curve(points)][::7]
     drawn = np.random.default_rng(1).permutation(points)[:300]
     # Shares on one side of planes, against those of the whole cloud.

@@ -12,13 +12,14 @@ BITS = 10
 def along_curve(points: Float[np.ndarray, "n 3"], bits: int = BITS) -> Int[np.ndarray, " n"]:
     """Indices that put points in the order in which Hilbert's curve visits the cells of a grid, 2^bits to an axis.
 
-    Neighbours in this order are neighbours in space, so every k-th point is a sample as evenly spread as the cloud. A
-    fit looks at such samples first: drawn from any other order, they lead clouds of the same breast to different cups.
+    Neighbours in this order are neighbours in space, so a run of k points is a small patch of the cloud, and every k-th
+    point a sample as evenly spread as all. Coordinates that are not finite count as 0.
 
     Skilling (2004), Programming the Hilbert curve, AIP Conference Proceedings 707: the index in transposed form.
     """
     if not len(points):
         return np.zeros(0, dtype=np.int64)
+    points = np.where(np.isfinite(points), points, 0.0)
     low, size = points.min(axis=0), float(np.ptp(points, axis=0).max())
     # The far side belongs to the last cell.
     cells = np.minimum((points - low) / (size or 1.0) * 2**bits, 2**bits - 1).astype(np.int64)
