@@ -60,7 +60,7 @@ class StripsCup(Cup):
         self,
         wire: Wire,
         panels: int = 2,
-        terms: int = 12,
+        terms: int = 20,
         stations: int = 201,
         nodes: int = 48,
         output_nodes: int = 128,

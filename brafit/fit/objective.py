@@ -54,7 +54,7 @@ class Conditions:
 
     points: str = "l2"
     points_width: float = 0.5
-    neckline: float = 0.15
+    neckline: float = 0.185
     neckline_limit: float | None = 0.8
     rim: float = 0.1
     connection: float = 0.002
