@@ -24,18 +24,18 @@ class Linearised:
         shape: the cups at the stations that solvers work with, see `Cup.sketch`.
         table: derivatives of `brafit.geometry.nearest.sample_table` of the shape.
         margin, margin_columns: regularity margin of every panel at every station, and its derivatives.
-        roughness: derivatives of `Cup.roughness`.
         constraints: derivatives of `Cup.constraints`.
         columns: places in the flat matrix of the parameters that the derivatives' last dimension runs over.
+        reach: how many of these, the first ones, each panel depends on.
     """
 
     shape: CupShape
     table: Float[Tensor, "batch rows 3 columns"]
     margin: Float[Tensor, "batch panels n"]
     margin_columns: Float[Tensor, "batch panels n columns"]
-    roughness: Float[Tensor, "batch m columns"]
     constraints: dict[str, Tensor]
     columns: Int[Tensor, " columns"]
+    reach: tuple[int, ...]
 
 
 def derivatives(
@@ -115,9 +115,14 @@ class Cup(nn.Module, ABC):
         """
         return None
 
+    @property
     @abstractmethod
-    def roughness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
+    def waviness(self) -> Float[Tensor, " size"]:
+        """How much each parameter counts in the roughness."""
+
+    def roughness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch size"]:
         """Residuals whose squares tell how wavy the parameters are."""
+        return flat * self.waviness
 
     def sketch(self, flat: Float[Tensor, "batch size"]) -> CupShape:
         """The cups at the stations that solvers work with: those of the output, unless fewer will do."""
@@ -158,19 +163,18 @@ class Cup(nn.Module, ABC):
             return (
                 sample_table(own.edges, own.tangents),
                 own.margin,
-                self.roughness(at),
                 *(constraints[k] for k in names),
             )
 
-        table, margin, roughness, *others = (v.movedim(0, -1) for v in derivatives(parts, flat, columns))
+        table, margin, *others = (v.movedim(0, -1) for v in derivatives(parts, flat, columns))
         return Linearised(
             shape=shape,
             table=table.contiguous(),
             margin=shape.margin,
             margin_columns=margin,
-            roughness=roughness,
             constraints=dict(zip(names, others, strict=True)),
             columns=columns,
+            reach=(len(columns),) * self.panels,
         )
 
     def forward(self) -> CupShape:

@@ -118,9 +118,13 @@ class FramesCup(Cup):
     def closure(self, shape: CupShape) -> Float[Tensor, "batch m"]:
         return self.ends(shape)
 
-    def roughness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
-        order = torch.arange(self.terms, dtype=flat.dtype, device=flat.device).square()
-        return (self.split(flat)["coefficients"] * order).flatten(1)
+    @property
+    def waviness(self) -> Float[Tensor, " size"]:
+        """The square of the order of a coefficient's polynomial."""
+        order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device).square()
+        parts = {name: order.new_zeros(shape) for name, shape in self.layout.items()}
+        parts["coefficients"] = parts["coefficients"] + order
+        return torch.cat([part.flatten() for part in parts.values()])
 
     @torch.no_grad()
     def start(self, angles: Float[Tensor, "batch panels"], reaches: Float[Tensor, "batch panels"]) -> None:

@@ -310,9 +310,9 @@ class StripsCup(Cup):
             table=table,
             margin=torch.stack(margins, dim=1),
             margin_columns=margin_columns,
-            roughness=torch.diag(self._waviness)[:, columns].expand(batch, -1, -1),
             constraints={},
             columns=columns,
+            reach=(*((i + 1) * (1 + 2 * terms) for i in range(self.panels - 1)), len(columns)),
         )
 
     # --- the rest of the face ---
@@ -320,12 +320,9 @@ class StripsCup(Cup):
     def constraints(self, shape: CupShape) -> dict[str, Float[Tensor, "batch m"]]:
         return {}
 
-    def roughness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
-        return flat * self._waviness
-
     @property
-    def _waviness(self) -> Float[Tensor, " size"]:
-        """Of each parameter, by the order k of its polynomial: k^2, and k^3 / WAVY_FROM for high orders. By k^2 alone
+    def waviness(self) -> Float[Tensor, " size"]:
+        """By the order k of a parameter's polynomial: k^2, and k^3 / WAVY_FROM for high orders. By k^2 alone
         edges ripple near the wire's ends, where these polynomials are quickest.
         """
         order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device)

@@ -6,7 +6,7 @@ sum of a few rows of the samples' derivatives. Automatic differentiation never r
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import torch
@@ -78,12 +78,18 @@ def normal_equations(
     linear = objective.cup.linearise(flat, terms)
     values, feet, gradient, matrix = _points(objective, linear, near)
     blocks = objective.blocks(flat, linear.shape, pressure, linear.margin)
-    if blocks:
-        jacobian = torch.cat([_jacobian(block, linear, objective) for block in blocks], dim=1)
-        own, slopes = zip(*(block.model() for block in blocks), strict=True)
-        values |= dict(zip((block.name for block in blocks), own, strict=True))
-        slope = torch.cat(slopes, dim=1)
-        gradient += _weighted(jacobian, slope * torch.cat([block.residual for block in blocks], dim=1))
+    rows = []
+    for block in blocks:
+        values[block.name], slope = block.model()
+        if block.name == "roughness":  # each residual depends on one parameter
+            own, factor = slope[:, linear.columns], objective.cup.waviness[linear.columns]
+            gradient += own * factor * block.residual[:, linear.columns]
+            matrix.diagonal(dim1=-2, dim2=-1).add_(own * factor**2)
+        else:
+            rows.append((_jacobian(block, linear, objective), slope, block.residual))
+    if rows:
+        jacobian, slope, residual = (torch.cat(parts, dim=1) for parts in zip(*rows, strict=True))
+        gradient += _weighted(jacobian, slope * residual)
         matrix += gram(jacobian, slope)
     value = torch.stack(list(values.values())).sum(0)
     order = linear.columns.argsort()
@@ -102,15 +108,21 @@ def _points(
     feet, directions, distances = projection.feet, projection.directions, projection.distances
     block = objective.points_block(distances)
     value, slope = block.model()
-    size = len(linear.columns)
+    size, panels = len(linear.columns), shape.panels
+    # Panel by panel: points on the lower ones do not depend on what shapes the upper ones.
+    order = feet.panel.argsort(dim=1, stable=True)
+    sorted_feet = Feet(*(getattr(feet, f.name).gather(1, order) for f in fields(Feet)))
+    directions = directions.gather(1, order[..., None].expand_as(directions))
+    slope, distances = (v.gather(1, order) for v in (slope.expand_as(distances), distances))
     gradient, matrix = points.new_zeros(batch, size), points.new_zeros(batch, size, size)
     chunk = max(1, ROWS // max(1, batch * size))
     for first in range(0, count, chunk):
         part = slice(first, first + chunk)
-        own = Feet(*(getattr(feet, f.name)[:, part] for f in fields(Feet)))
+        own = Feet(*(getattr(sorted_feet, f.name)[:, part] for f in fields(Feet)))
         jacobian = distance_jacobian(directions[:, part], own, stations, edges.shape[1], linear.table)
         gradient += _weighted(jacobian, (slope * distances)[:, part])
-        matrix += gram(jacobian, slope[:, part])
+        counts = torch.stack([(own.panel == i).sum(1) for i in range(panels)], dim=1).tolist()
+        matrix += _nested_gram(jacobian, slope[:, part], counts, linear.reach)
     return {block.name: value}, feet, gradient, matrix
 
 
@@ -122,8 +134,6 @@ def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[T
         c = objective.conditions
         fading = torch.sigmoid((c.margin - linear.margin) / c.margin_width)
         return (-fading[..., None] * linear.margin_columns).flatten(1, 2)
-    if block.name == "roughness":
-        return linear.roughness
     return linear.constraints[block.name]
 
 
@@ -132,6 +142,23 @@ def gram(
 ) -> Float[Tensor, "batch size size"]:
     """J^T W J, one problem at a time, so that rounding does not depend on the batch."""
     return torch.stack([j.mT @ (j * w[:, None]) for j, w in zip(jacobian, weights, strict=True)])
+
+
+def _nested_gram(
+    jacobian: Float[Tensor, "batch m size"],
+    weights: Float[Tensor, "batch m"],
+    counts: Sequence[Sequence[int]],
+    reach: Sequence[int],
+) -> Float[Tensor, "batch size size"]:
+    """`gram` of rows that come panel by panel, so many to each, and are zero beyond their panel's reach."""
+    matrix = jacobian.new_zeros(*jacobian.shape[::2], jacobian.shape[2])
+    for own, rows, slope, numbers in zip(matrix, jacobian, weights, counts, strict=True):
+        first = 0
+        for count, width in zip(numbers, reach, strict=True):
+            part = rows[first : first + count, :width]
+            own[:width, :width].addmm_(part.mT, part * slope[first : first + count, None])
+            first += count
+    return matrix
 
 
 def _weighted(jacobian: Tensor, weights: Tensor) -> Float[Tensor, "batch size"]:
