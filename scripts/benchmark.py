@@ -15,8 +15,7 @@ import resource
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -52,6 +51,7 @@ def shipped() -> tuple[LM, Conditions]:
     return instantiate(config.solver), instantiate(config.condition)
 
 
+@cache
 def breasts(folder: str, count: int = POINTS) -> list[Target]:
     """The scans of a folder, each with so many of its points: one drawn at random from each of as many equal stretches
     of the curve along which they come. So the density stays theirs, and RMS depends little on the draw (1 %; plain
@@ -347,42 +347,35 @@ def objective_mean(objective: Objective, flat: Tensor) -> float:
     return objective.distances(shape, objective.feet(shape)).abs().mean().item()
 
 
+PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
+    "breasts": lambda options: report_breasts(breasts(options.folder)),
+    "starts": lambda options: report_starts(breasts(options.folder)),
+    "steps": lambda options: report_steps(breasts(options.folder)),
+    "sphere": lambda options: report_sphere(100 if options.slow else 10),
+    "recovery": lambda options: report_recovery(),
+    "scipy": lambda options: report_scipy(breasts(options.folder)),
+    "memory": lambda options: report_memory(options.folder),
+    "single": lambda options: report_single(breasts(options.folder)),
+    "rim": lambda options: report_rim(breasts(options.folder)),
+    "speed": lambda options: report_speed(breasts(options.folder)),
+    "paper": lambda options: report_paper(seconds=120) if options.slow else None,
+}
+"""What is measured, in this order."""
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="breast scans with their landmark files")
-    everything = "breasts,starts,steps,sphere,recovery,scipy,memory,single,rim,speed"
-    parser.add_argument("--only", default=everything, help="parts, by commas")
+    parser.add_argument("folder", help="breast scans with their landmark files")
+    parser.add_argument("--only", default=",".join(PARTS), help="parts, by commas: %(default)s")
     parser.add_argument("--slow", action="store_true", help="100 starts in case 1, and the paper's solver")
     options = parser.parse_args()
+    wanted = options.only.split(",")
+    if unknown := set(wanted) - set(PARTS):
+        parser.error(f"--only: unknown {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     torch.set_num_threads(1)
-    parts = set(options.only.split(","))
-    targets = (
-        breasts(str(options.folder))
-        if parts & {"breasts", "starts", "steps", "scipy", "single", "rim", "speed"}
-        else []
-    )
-    if "breasts" in parts:
-        report_breasts(targets)
-    if "starts" in parts:
-        report_starts(targets)
-    if "steps" in parts:
-        report_steps(targets)
-    if "sphere" in parts:
-        report_sphere(100 if options.slow else 10)
-    if "recovery" in parts:
-        report_recovery()
-    if "scipy" in parts:
-        report_scipy(targets)
-    if "memory" in parts:
-        report_memory(str(options.folder))
-    if "single" in parts:
-        report_single(targets)
-    if "rim" in parts:
-        report_rim(targets)
-    if "speed" in parts:
-        report_speed(targets)
-    if options.slow:
-        report_paper(seconds=120)
+    for name, report in PARTS.items():
+        if name in wanted:
+            report(options)
 
 
 if __name__ == "__main__":

@@ -121,8 +121,11 @@ def _points(
         own = Feet(*(getattr(sorted_feet, f.name)[:, part] for f in fields(Feet)))
         jacobian = distance_jacobian(directions[:, part], own, stations, edges.shape[1], linear.table)
         gradient += _weighted(jacobian, (slope * distances)[:, part])
-        counts = torch.stack([(own.panel == i).sum(1) for i in range(panels)], dim=1).tolist()
-        matrix += _nested_gram(jacobian, slope[:, part], counts, linear.reach)
+        if points.device.type == "cpu":
+            counts = torch.stack([(own.panel == i).sum(1) for i in range(panels)], dim=1).tolist()
+            matrix += _nested_gram(jacobian, slope[:, part], counts, linear.reach)
+        else:
+            matrix += gram(jacobian, slope[:, part])
     return {block.name: value}, feet, gradient, matrix
 
 
@@ -140,7 +143,9 @@ def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[T
 def gram(
     jacobian: Float[Tensor, "batch m size"], weights: Float[Tensor, "batch m"]
 ) -> Float[Tensor, "batch size size"]:
-    """J^T W J, one problem at a time, so that rounding does not depend on the batch."""
+    """J^T W J; on the CPU one problem at a time, so that rounding does not depend on the batch."""
+    if jacobian.device.type != "cpu":
+        return torch.bmm(jacobian.mT, jacobian * weights[..., None])
     return torch.stack([j.mT @ (j * w[:, None]) for j, w in zip(jacobian, weights, strict=True)])
 
 
