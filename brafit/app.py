@@ -166,8 +166,8 @@ def _build(config: DictConfig, group: str) -> Any:
     try:
         return instantiate(config[group])
     except InstantiationException as error:
-        cause = error.__cause__ or error
-        raise ConfigError(f"{group}: {' '.join(str(cause).split())}") from error
+        said = " ".join(str(error.__cause__ or error).split())
+        raise ConfigError(said if said.startswith(f"{group}.") else f"{group}: {said}") from error
 
 
 def _settings_file(config: DictConfig) -> str:
