@@ -108,7 +108,7 @@ def _points(
     feet, directions, distances = projection.feet, projection.directions, projection.distances
     block = objective.points_block(distances)
     value, slope = block.model()
-    size, panels = len(linear.columns), shape.panels
+    size = len(linear.columns)
     # Panel by panel: points on the lower ones do not depend on what shapes the upper ones.
     order = feet.panel.argsort(dim=1, stable=True)
     sorted_feet = Feet(*(getattr(feet, f.name).gather(1, order) for f in fields(Feet)))
@@ -121,11 +121,7 @@ def _points(
         own = Feet(*(getattr(sorted_feet, f.name)[:, part] for f in fields(Feet)))
         jacobian = distance_jacobian(directions[:, part], own, stations, edges.shape[1], linear.table)
         gradient += _weighted(jacobian, (slope * distances)[:, part])
-        if points.device.type == "cpu":
-            counts = torch.stack([(own.panel == i).sum(1) for i in range(panels)], dim=1).tolist()
-            matrix += _nested_gram(jacobian, slope[:, part], counts, linear.reach)
-        else:
-            matrix += gram(jacobian, slope[:, part])
+        matrix += _nested_gram(jacobian, slope[:, part], own.panel, linear.reach)
     return {block.name: value}, feet, gradient, matrix
 
 
@@ -152,10 +148,13 @@ def gram(
 def _nested_gram(
     jacobian: Float[Tensor, "batch m size"],
     weights: Float[Tensor, "batch m"],
-    counts: Sequence[Sequence[int]],
+    panel: Int[Tensor, "batch m"],
     reach: Sequence[int],
 ) -> Float[Tensor, "batch size size"]:
-    """`gram` of rows that come panel by panel, so many to each, and are zero beyond their panel's reach."""
+    """`gram` of rows that come panel by panel and are zero beyond their panel's reach."""
+    if jacobian.device.type != "cpu":
+        return gram(jacobian, weights)
+    counts = torch.stack([(panel == i).sum(1) for i in range(len(reach))], dim=1).tolist()
     matrix = jacobian.new_zeros(*jacobian.shape[::2], jacobian.shape[2])
     for own, rows, slope, numbers in zip(matrix, jacobian, weights, counts, strict=True):
         first = 0
