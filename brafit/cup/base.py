@@ -160,11 +160,7 @@ class Cup(nn.Module, ABC):
         def parts(at: Tensor) -> tuple[Tensor, ...]:
             own = self.sketch(at)
             constraints = self.constraints(own)
-            return (
-                sample_table(own.edges, own.tangents),
-                own.margin,
-                *(constraints[k] for k in names),
-            )
+            return sample_table(own.edges, own.tangents), own.margin, *(constraints[k] for k in names)
 
         table, margin, *others = (v.movedim(0, -1) for v in derivatives(parts, flat, columns))
         return Linearised(

@@ -133,8 +133,7 @@ class StripsCup(Cup):
             bounded, lean_slope = torch.tanh(values[i] / RIB_LIMIT), slopes[i]
             log, log_slope = values[self.panels + i], slopes[self.panels + i]
             if i == self.panels - 1:
-                corner, corner_slope = _corner(named["corner"], grid.x)
-                log, log_slope = log + corner, log_slope + corner_slope
+                log, log_slope = _cornered(log, log_slope, named["corner"], grid.x)
             alpha, saturation = Angle.of(RIB_LIMIT * bounded), 1 - bounded * bounded
             size = torch.exp(log)
             t, t_slope = size * grid.bump, size * torch.addcmul(grid.bump_slope, grid.bump, log_slope)
@@ -178,8 +177,7 @@ class StripsCup(Cup):
         x = 2 * self.stations / LENGTH - 1
         named = self.split(flat)
         log, log_slope = (v[:, 0] for v in _series(named["length"][:, -1:], *_basis(self.terms, x)))
-        corner, corner_slope = _corner(named["corner"], x)
-        log, log_slope = log + corner, log_slope + corner_slope
+        log, log_slope = _cornered(log, log_slope, named["corner"], x)
         bump = (1 - x * x).clamp_min(0)
         t, t_slope = torch.exp(log) * bump, torch.exp(log) * (bump * log_slope - 4 / LENGTH * x)
         leaning = last.rates.speed * last.strip.alpha.sine
@@ -480,16 +478,21 @@ def _series(
     return values, slopes
 
 
-def _corner(corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]) -> tuple[Tensor, Tensor]:
-    """The corner's term in the log length and its derivative by s."""
+def _cornered(
+    log: Float[Tensor, "batch n"],
+    slope: Float[Tensor, "batch n"],
+    corner: Float[Tensor, "batch 2"],
+    x: Float[Tensor, " n"],
+) -> tuple[Tensor, Tensor]:
+    """A log length and its derivative by s with the corner's term."""
     height, place = corner[:, :1], corner[:, 1:]
     away = x - place
     r = (away * away + CORNER_WIDTH**2).sqrt()
-    return height * r, height * away / r * (2 / LENGTH)
+    return log + height * r, slope + height * away / r * (2 / LENGTH)
 
 
 def _corner_columns(corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]) -> tuple[Tensor, Tensor]:
-    """Derivatives of `_corner` by the corner's two parameters, in the last dimension."""
+    """Derivatives of `_cornered` by the corner's two parameters, in the last dimension."""
     height, place = corner[:, :1], corner[:, 1:]
     away = x - place
     r = (away * away + CORNER_WIDTH**2).sqrt()
