@@ -98,7 +98,8 @@ class LMStageConfig:
     keep: int | None = field(default=None, metadata={"least": 1})
     penalty: float = field(default=1.0, metadata={"least": 0})
     tolerance: float = field(default=1e-6, metadata={"least": 0})
-    smoothness: float = field(default=0.0, metadata={"least": 0})
+    fairness: float = field(default=1.0, metadata={"least": 0})
+    plainness: float = field(default=1.0, metadata={"least": 0})
     margin_width: float = field(default=0.0, metadata={"least": 0})
 
 
@@ -122,6 +123,7 @@ class ConditionConfig:
     points_width: float = limited(0)
     neckline: float = limited(0)
     neckline_limit: float | None = limited(0)
+    neckline_wave: float = limited(0)
     rim: float = limited(0)
     connection: float = limited(0)
     connection_width: float = limited(0)
@@ -130,7 +132,7 @@ class ConditionConfig:
     margin: float = MISSING
     margin_width: float = limited(0)
     barrier: float = limited(0)
-    smoothness: float = limited(0)
+    fairness: float = limited(0)
 
 
 @dataclass

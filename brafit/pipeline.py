@@ -210,8 +210,9 @@ def _row(job: Job, scan: Scan, fit: CupFit) -> Row:
         "iterations": fit.iterations,
         "seconds": fit.seconds,
     }
-    # Without a neckline there is no distance from it.
-    needed = {key: value for key, value in fit.figures.items() if key != "upper_edge_mm" or scan.neckline is not None}
+    # Without a neckline there is no distance from it, and no deviation is known of cups with constraints.
+    absent = {"outline_sd_mm"} | (set() if scan.neckline is not None else {"upper_edge_mm", "neckline_smoothing_mm"})
+    needed = {key: value for key, value in fit.figures.items() if key not in absent}
     missing = [key for key, value in needed.items() if not math.isfinite(_number(value))]
     if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED):
         return row

@@ -16,10 +16,11 @@ from numpy import ndarray
 
 from brafit.cup.shape import CupShape
 from brafit.fit import CupFit, Target
+from brafit.fit.certainty import outline_deviation
 from brafit.fit.measure import point_distances
 from brafit.pattern import Pattern, PatternOptions, Piece, Side, deepest_point, finish, marks_on, pieces_from_panels
 from brafit.pattern.svg import write_svg
-from brafit.report.dimensions import Dimension, dimensions
+from brafit.report.dimensions import Dimension, dimension_deviation, dimensions
 from brafit.report.mesh import (
     PanelMesh,
     panel_meshes,
@@ -110,7 +111,11 @@ class Result:
 
     def dimensions(self) -> list[Dimension]:
         """Finished dimensions of pieces and cup."""
-        return dimensions(self.shape, self.patterns(), self.apex, self.target.strap_point)
+        return dimensions(self.shape, self.patterns(), self.apex, self.target.strap_point, self._dimension_sd)
+
+    @cached_property
+    def _dimension_sd(self) -> dict[tuple[str, str], float]:
+        return dimension_deviation(self.fit, self.fit.alternatives, self.apex, self.target.strap_point)
 
     def row(self) -> dict[str, Any]:
         """This cup's row of summary.csv."""
@@ -157,7 +162,7 @@ class Result:
                 "seams_mm": pattern.seams,
                 "notches_mm": {piece.name: _notches(piece) for piece in pattern.pieces},
                 "paper_cup_mm": paper_gap(self.shape, papers),
-                "dimensions": [[d.part, d.name, d.value, d.unit] for d in self.dimensions()],
+                "dimensions": [[d.part, d.name, d.value, d.unit, d.sd] for d in self.dimensions()],
             },
             "sources": self.sources,
         }
@@ -198,6 +203,9 @@ class Result:
             distances=self.fit.distances,
             pattern=self.patterns(),
             dimensions=self.dimensions(),
+            band=(self.pieces, outline_deviation(self.fit.panels, self.fit.alternatives))
+            if self.fit.alternatives
+            else None,
             sources=self.sources,
             files=[*files, "fit.json"],
             warnings=self.fit.warnings,

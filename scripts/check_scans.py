@@ -43,6 +43,7 @@ from brafit.cup.shape import CupShape
 from brafit.fit import CupFit, Target, fit_targets
 from brafit.fit.measure import point_distances
 from brafit.geometry.order import along_curve
+from brafit.geometry.polyline import evenly_spaced
 from brafit.scan import (
     Landmarks,
     Scan,
@@ -56,7 +57,6 @@ from brafit.scan import (
     uncovered_share,
 )
 from brafit.scan.checks import polyline_length
-from brafit.scan.frame import evenly_spaced
 from brafit.scan.gaps import gaps
 from brafit.scan.synthetic import on_panels
 

@@ -73,9 +73,7 @@ class Outcome:
     flat: FlatPanel
 
 
-def make_objective(
-    points: Tensor, connection: Tensor, upper: Tensor | None = None, smoothness: float = 0.0
-) -> Objective:
+def make_objective(points: Tensor, connection: Tensor, upper: Tensor | None = None, fairness: float = 0.0) -> Objective:
     """The paper's problem: its wire, one cloud, the connection point held within a few thousandths of R; squared
     distances.
 
@@ -93,7 +91,7 @@ def make_objective(
         neckline=0.03,
         rim=0.0,
         barrier=0.0,
-        smoothness=smoothness,
+        fairness=fairness,
     )
     return Objective(cup, Targets.stack([target], wire.scale), conditions)
 
@@ -126,7 +124,7 @@ def known_cup() -> CupShape:
     """
     x, y, z = quarter_sphere(1000, R, np.random.default_rng(7)).unbind(-1)
     skewed = torch.stack((0.92 * x, y + 0.15 * z * (y / R), 1.12 * z), dim=-1)
-    objective = make_objective(skewed, torch.tensor([0.0, 1.15 * R, 1.12 * R]), smoothness=1e-4)
+    objective = make_objective(skewed, torch.tensor([0.0, 1.15 * R, 1.12 * R]), fairness=300.0)
     return solve("truth", objective, thorough(), skewed).shape
 
 
@@ -166,7 +164,7 @@ def case_1(out: Path, patience: float) -> None:
     points = quarter_sphere(1000, R, np.random.default_rng(0))
 
     def run(name: str, solver: Solver) -> Outcome:
-        return solve(name, make_objective(points, POLE, smoothness=1e-7), solver, points)
+        return solve(name, make_objective(points, POLE, fairness=0.3), solver, points)
 
     run("warm-up", quick(2))
     ours = run("ours: Adam, L-BFGS", quick(25))

@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
+from brafit.cup.condition import Gaps
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, Wire
 from brafit.geometry.nearest import sample_table
@@ -24,6 +25,7 @@ class Linearised:
         shape: the cups at the stations that solvers work with, see `Cup.sketch`.
         table: derivatives of `brafit.geometry.nearest.sample_table` of the shape.
         margin, margin_columns: regularity margin of every panel at every station, and its derivatives.
+        unfairness, unfairness_columns: `Cup.unfairness` and its derivatives.
         constraints: derivatives of `Cup.constraints`.
         columns: places in the flat matrix of the parameters that the derivatives' last dimension runs over.
         reach: how many of these, the first ones, each panel depends on.
@@ -33,6 +35,8 @@ class Linearised:
     table: Float[Tensor, "batch rows 3 columns"]
     margin: Float[Tensor, "batch panels n"]
     margin_columns: Float[Tensor, "batch panels n columns"]
+    unfairness: Float[Tensor, "batch m"]
+    unfairness_columns: Float[Tensor, "batch m columns"]
     constraints: dict[str, Tensor]
     columns: Int[Tensor, " columns"]
     reach: tuple[int, ...]
@@ -60,6 +64,8 @@ class Cup(nn.Module, ABC):
     matrix (B, size), made by `flatten` and read by `shape_of`.
     """
 
+    corner_place = -1
+    """Which parameter is the place of the upper edge's corner; -1: none."""
     exact = False
     """Whether panels are developable up to the grid behind `shape_of`, and no constraint is left to satisfy."""
     stations: Tensor
@@ -115,14 +121,16 @@ class Cup(nn.Module, ABC):
         """
         return None
 
-    @property
     @abstractmethod
-    def waviness(self) -> Float[Tensor, " size"]:
-        """How much each parameter counts in the roughness."""
+    def unfairness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
+        """Residuals whose squares add up to how much the curvature of the flat edges varies."""
 
-    def roughness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch size"]:
-        """Residuals whose squares tell how wavy the parameters are."""
-        return flat * self.waviness
+    @property
+    def plain(self) -> tuple[Float[Tensor, " size"], Float[Tensor, " size"]] | None:
+        """The parameters of the plainest cup of the model, if it has one, and how much each counts where cups are
+        otherwise equal.
+        """
+        return None
 
     def sketch(self, flat: Float[Tensor, "batch size"]) -> CupShape:
         """The cups at the stations that solvers work with: those of the output, unless fewer will do."""
@@ -133,6 +141,12 @@ class Cup(nn.Module, ABC):
         (None: all there are).
         """
         return torch.arange(self.size, device=self.stations.device)
+
+    def corner_gap(
+        self, flat: Float[Tensor, "batch size"], shape: CupShape, points: Float[Tensor, "batch 3"]
+    ) -> Gaps | None:
+        """From points to the upper edge's corner; None for models without one."""
+        return None
 
     def place_corner(
         self, flat: Float[Tensor, "batch size"], points: Float[Tensor, "batch 3"], given: Bool[Tensor, " batch"]
@@ -160,14 +174,17 @@ class Cup(nn.Module, ABC):
         def parts(at: Tensor) -> tuple[Tensor, ...]:
             own = self.sketch(at)
             constraints = self.constraints(own)
-            return sample_table(own.edges, own.tangents), own.margin, *(constraints[k] for k in names)
+            table = sample_table(own.edges, own.tangents)
+            return table, own.margin, self.unfairness(at), *(constraints[k] for k in names)
 
-        table, margin, *others = (v.movedim(0, -1) for v in derivatives(parts, flat, columns))
+        table, margin, unfairness, *others = (v.movedim(0, -1) for v in derivatives(parts, flat, columns))
         return Linearised(
             shape=shape,
             table=table.contiguous(),
             margin=shape.margin,
             margin_columns=margin,
+            unfairness=self.unfairness(flat),
+            unfairness_columns=unfairness,
             constraints=dict(zip(names, others, strict=True)),
             columns=columns,
             reach=(len(columns),) * self.panels,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Int
@@ -49,19 +49,26 @@ class Gaps:
         index: rows of `brafit.geometry.nearest.sample_table`.
         weight: their weights.
         sliding: unit vectors, or 0 where nothing slides.
+        own: derivatives of the gaps by the last so many parameters, which the weights depend on; None: none.
     """
 
     vectors: Points
     index: Int[Tensor, "batch m k"]
     weight: Float[Tensor, "batch m k"]
     sliding: Points
+    own: Float[Tensor, "batch m 3 last"] | None = None
 
     def part(self, which: slice) -> "Gaps":
         """Some of the gaps."""
-        return Gaps(*(getattr(self, f.name)[:, which] for f in fields(Gaps)))
+        own = None if self.own is None else self.own[:, which]
+        return Gaps(self.vectors[:, which], self.index[:, which], self.weight[:, which], self.sliding[:, which], own)
 
-    def columns(self, table: Float[Tensor, "batch rows 3 columns"]) -> Float[Tensor, "batch m 3 columns"]:
-        """Derivatives of the gaps from those of the samples."""
+    def columns(
+        self, table: Float[Tensor, "batch rows 3 columns"], last: int | None = None
+    ) -> Float[Tensor, "batch m 3 columns"]:
+        """Derivatives of the gaps from those of the samples. `last`: how many of the parameters of `own`, the last
+        ones, are among the table's columns; None: all.
+        """
         batch, rows = table.shape[:2]
         offset = torch.arange(batch, device=table.device)[:, None, None] * rows
         index, weight = (self.index + offset).flatten(0, 1), self.weight.flatten(0, 1)
@@ -69,6 +76,9 @@ class Gaps:
             index, table.reshape(batch * rows, -1), mode="sum", per_sample_weights=weight
         )
         moved = moved.view(batch, -1, *table.shape[2:])
+        if self.own is not None:
+            last = self.own.shape[-1] if last is None else last
+            moved[..., -last:] += self.own[..., -last:]
         sliding = self.sliding[..., None]
         (x, y, z), (a, b, c) = moved.unbind(-2), sliding.unbind(-2)
         along = torch.addcmul(torch.addcmul(x * a, y, b), z, c)[..., None, :]

@@ -24,6 +24,9 @@ from brafit.geometry.developable import (
 from brafit.geometry.ritz import ritz_basis, ritz_sum
 from brafit.geometry.rotation import product, rotation_exp
 
+SHARE = 0.27
+"""How much the unfairness of these cups counts beside that of strips: their panels are not developable yet."""
+
 
 class FramesCup(Cup):
     """Cups whose edges above the wire are integrated from (omega_xi, omega_eta, v) and an initial frame each.
@@ -118,13 +121,12 @@ class FramesCup(Cup):
     def closure(self, shape: CupShape) -> Float[Tensor, "batch m"]:
         return self.ends(shape)
 
-    @property
-    def waviness(self) -> Float[Tensor, " size"]:
-        """The square of the order of a coefficient's polynomial."""
+    def unfairness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
+        """The series are rates of the edges themselves: each coefficient by the square of its order, and SHARE."""
         order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device).square()
         parts = {name: order.new_zeros(shape) for name, shape in self.layout.items()}
         parts["coefficients"] = parts["coefficients"] + order
-        return torch.cat([part.flatten() for part in parts.values()])
+        return SHARE * flat * torch.cat([part.flatten() for part in parts.values()])
 
     @torch.no_grad()
     def start(self, angles: Float[Tensor, "batch panels"], reaches: Float[Tensor, "batch panels"]) -> None:

@@ -8,6 +8,7 @@ developability holds, up to the spectral error of the nodes; no constraint is le
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -17,18 +18,42 @@ from torch import Tensor, nn
 from torch.nn.functional import pad
 
 from brafit.cup.base import Cup, Linearised
+from brafit.cup.condition import Gaps
+from brafit.cup.corner import CORNER_REACH, beside_corner, corner_columns, corner_gap, cornered
 from brafit.cup.shape import CupShape
+from brafit.cup.strip_grid import StripGrid, chebyshev_bases
 from brafit.cup.wire import LENGTH, Wire
-from brafit.geometry.developable import dot, unit
-from brafit.geometry.grid import chebyshev_synthesis, like
-from brafit.geometry.strip import Angle, Nodes, Rates, Strip, apply, apply_row, next_rates, roll, strip, turned
+from brafit.geometry.developable import unit
+from brafit.geometry.fairness import Variation
+from brafit.geometry.grid import like
+from brafit.geometry.nearest import nearest_on_curve
+from brafit.geometry.strip import (
+    Angle,
+    Nodes,
+    Rates,
+    Strip,
+    apply,
+    apply_row,
+    next_rates,
+    roll,
+    strip,
+    turned,
+    upper_turn,
+)
 
 RIB_LIMIT = 1.3
 """Largest rib angle in radians: alpha = 1.3 tanh(series / 1.3)."""
-CORNER_WIDTH = 0.03
-"""Rounding of the upper edge's corner, as a share of half the wire."""
-WAVY_FROM = 8
-"""Terms of higher order than this are smoothed ever more strongly."""
+PLAIN: dict[str, dict[str, tuple[float, ...]]] = {
+    "first": {"rib": (0.0, 0.2), "length": (0.8, -0.1, 0.08)},
+    "middle": {"rib": (-0.1, -0.3), "length": (0.6, -0.2, 0.05)},
+    "last": {"rib": (-0.3, -1.6, 0.08), "length": (1.6, 0.0, 0.05)},
+}
+"""First coefficients of a plain cup's panels, lengths times the number of panels: rounded means of close fits to 14
+breasts with two and three panels. Fits of different breasts differ little in them, and data say little about them."""
+PLAIN_ORDER = 5.0
+"""From about this order on terms count ever more."""
+BUMP_SECOND = -8 / LENGTH**2
+"""Second derivative of 1 - x^2 by s."""
 CORNER_TERMS = 6
 """Terms from which on the corner is free: before, the edge is too rough to tell where it belongs."""
 
@@ -60,7 +85,7 @@ class StripsCup(Cup):
         self,
         wire: Wire,
         panels: int = 2,
-        terms: int = 20,
+        terms: int = 14,
         stations: int = 201,
         nodes: int = 48,
         output_nodes: int = 128,
@@ -71,13 +96,14 @@ class StripsCup(Cup):
         if min(nodes, output_nodes) < 2 * terms:
             raise ValueError(f"{terms} terms need at least {2 * terms} nodes, got {nodes} and {output_nodes}")
         self.terms = terms
+        self.corner_place = panels + 2 * panels * terms + 1
         some = wire.coefficients
         self.angle = nn.Parameter(some.new_zeros(len(wire), panels))
         self.rib = nn.Parameter(some.new_zeros(len(wire), panels, terms))
         self.length = nn.Parameter(some.new_zeros(len(wire), panels, terms))
         self.corner = nn.Parameter(some.new_zeros(len(wire), 2))
-        self.grid = _Grid.of(wire, terms, nodes)
-        self.output_grid = _Grid.of(wire, terms, output_nodes)
+        self.grid = StripGrid.of(wire, terms, nodes)
+        self.output_grid = StripGrid.of(wire, terms, output_nodes)
         self._place_stations()
 
     def _place_stations(self) -> None:
@@ -94,61 +120,64 @@ class StripsCup(Cup):
         return self._panel_columns(terms).sort().values
 
     def _panel_columns(self, terms: int | None) -> Int[Tensor, " columns"]:
-        """Panel by panel: angle, rib, length; last the corner's height, and its place only with `terms` None (all
-        parameters).
-        """
+        """Panel by panel: angle, rib, length; last the corner's height, from CORNER_TERMS terms on, and its place."""
         count = self.terms if terms is None else min(terms, self.terms)
         each = torch.arange(count, device=self.stations.device)
         parts = []
         for i in range(self.panels):
             rib = self.panels + i * self.terms + each
             parts += [each.new_tensor([i]), rib, rib + self.panels * self.terms]
-        free = 2 if terms is None else int(count >= min(CORNER_TERMS, self.terms))
-        return torch.cat((*parts, each.new_tensor([self.size - 2, self.size - 1][:free])))
+        free = 2 if count >= min(CORNER_TERMS, self.terms) else 1
+        return torch.cat((*parts, each.new_tensor([self.size - 2, self.size - 1][-free:])))
 
     @torch.no_grad()
     def place_corner(
         self, flat: Float[Tensor, "batch size"], points: Float[Tensor, "batch 3"], given: Bool[Tensor, " batch"]
     ) -> Float[Tensor, "batch size"]:
-        """The parameters with a corner that is still flat moved to the ruling whose upper end is nearest to a point,
-        where one is given.
+        """The parameters with the corner moved to the ruling whose upper end is nearest to a point, where one is
+        given.
         """
-        shape = self.sketch(flat)
-        away = (shape.edges[:, -1] - points[:, None]).square().sum(-1)
-        place = self.grid.x[away.argmin(-1)].clamp(-0.8, 0.8)
+        shape, s = self.sketch(flat), self.grid.s
+        segment, share = nearest_on_curve(points[:, None], shape.edges[:, -1], shape.tangents[:, -1], s)
+        place = 2 / LENGTH * torch.lerp(s[segment], s[segment + 1], share)[:, 0] - 1
         moved = flat.clone()
-        moved[:, -1] = torch.where(given & (flat[:, -2] == 0), place, flat[:, -1])
+        moved[:, -1] = torch.where(given & (flat[:, -2] == 0), place.clamp(-CORNER_REACH, CORNER_REACH), flat[:, -1])
         return moved
+
+    def corner_gap(self, flat: Float[Tensor, "batch size"], shape: CupShape, points: Float[Tensor, "batch 3"]) -> Gaps:
+        return corner_gap(flat[:, -2:], shape, points, self.grid.x, self.grid.analysis)
 
     # --- the chain of panels ---
 
-    def _march(self, flat: Float[Tensor, "batch size"], grid: "_Grid") -> Iterator["_Panel"]:
+    def _march(self, flat: Float[Tensor, "batch size"], grid: "StripGrid") -> Iterator["_Panel"]:
         """The panels in turn, at the nodes of a grid."""
         named = self.split(flat)
         rates = Rates(grid.speed, grid.k1, grid.k2, grid.w)
         edge, T, U, V = grid.edge, grid.T, grid.U, grid.V
-        series = _series(torch.cat((named["rib"], named["length"]), dim=1), grid.basis, grid.basis_slope)
-        values, slopes = (v.unbind(1) for v in series)
+        both = torch.cat((named["rib"], named["length"]), dim=1)
+        values, slopes, seconds = (v.unbind(1) for v in _series(both, *grid.bases))
         for i in range(self.panels):
             bounded, lean_slope = torch.tanh(values[i] / RIB_LIMIT), slopes[i]
-            log, log_slope = values[self.panels + i], slopes[self.panels + i]
+            log, log_slope, log_second = (v[self.panels + i] for v in (values, slopes, seconds))
             if i == self.panels - 1:
-                log, log_slope = _cornered(log, log_slope, named["corner"], grid.x)
+                log, log_slope, log_second = cornered((log, log_slope, log_second), named["corner"], grid.x)
             alpha, saturation = Angle.of(RIB_LIMIT * bounded), 1 - bounded * bounded
             size = torch.exp(log)
             t, t_slope = size * grid.bump, size * torch.addcmul(grid.bump_slope, grid.bump, log_slope)
+            t_second = size * (BUMP_SECOND + (2 * grid.bump_slope + grid.bump * log_slope) * log_slope)
+            t_second = torch.addcmul(t_second, t, log_second)
             phi = Angle.of(roll(rates, alpha.tangent, named["angle"][:, i], grid.integral))
             panel = strip(rates, phi, alpha, saturation * lean_slope, t, t_slope)
             xi, eta = turned(U, V, phi)
             d_max, d = turned(T, xi, alpha)
-            yield _Panel(rates, edge, bounded, lean_slope, t_slope, panel, d, d_max, eta)
+            yield _Panel(rates, edge, bounded, lean_slope, t_slope, t_second, panel, d, d_max, eta)
             edge = edge + t[..., None] * d
             U, T = turned(d, d_max, panel.beta)
             V = eta
             if i + 1 < self.panels:
                 rates = next_rates(panel, grid.derivative)
 
-    def _shape(self, grid: "_Grid", panels: list["_Panel"]) -> CupShape:
+    def _shape(self, grid: "StripGrid", panels: list["_Panel"]) -> CupShape:
         edges, tangents = [grid.edge], [grid.T * grid.speed[..., None]]
         for panel in panels:
             edges.append(panel.upper)
@@ -176,8 +205,8 @@ class StripsCup(Cup):
         last = panels[-1]
         x = 2 * self.stations / LENGTH - 1
         named = self.split(flat)
-        log, log_slope = (v[:, 0] for v in _series(named["length"][:, -1:], *_basis(self.terms, x)))
-        log, log_slope = _cornered(log, log_slope, named["corner"], x)
+        logs = [v[:, 0] for v in _series(named["length"][:, -1:], *chebyshev_bases(self.terms, x))]
+        log, log_slope, _ = cornered(logs, named["corner"], x)
         bump = (1 - x * x).clamp_min(0)
         t, t_slope = torch.exp(log) * bump, torch.exp(log) * (bump * log_slope - 4 / LENGTH * x)
         leaning = last.rates.speed * last.strip.alpha.sine
@@ -205,22 +234,24 @@ class StripsCup(Cup):
         grid, columns = self.grid, self._panel_columns(terms)
         terms = self.terms if terms is None else min(terms, self.terms)
         n, batch = len(grid.s), len(flat)
-        basis, basis_slope = grid.basis[:terms].mT, grid.basis_slope[:terms].mT  # (n, terms)
+        basis, basis_slope, basis_second = (b[:terms].mT for b in grid.bases)  # (n, terms)
         rows = (self.panels + 1) * n
         table = flat.new_zeros(batch, 2 * rows, 3, len(columns))
         margins, margin_columns = [], flat.new_zeros(batch, self.panels, n, len(columns))
+        unfair, unfair_columns = [], flat.new_zeros(batch, 2 * self.panels, n - 1, len(columns))
         width = 0
         d_speed = d_k1 = d_k2 = d_w = flat.new_zeros(batch, n, 0)
         # how the frame of the lower edge turns, about its own axes T, U and V
         about_T = about_U = about_V = flat.new_zeros(batch, n, 0)
         panels = list(self._march(flat, grid))
         for i, panel in enumerate(panels):
-            own_log, own_log_slope = basis, basis_slope
-            corner_columns = len(columns) - self.panels * (1 + 2 * terms)
-            if i == self.panels - 1 and corner_columns:
-                extra, extra_slope = (v[..., :corner_columns] for v in _corner_columns(flat[:, -2:], grid.x))
-                own_log = torch.cat((basis.expand(batch, -1, -1), extra), dim=-1)
-                own_log_slope = torch.cat((basis_slope.expand(batch, -1, -1), extra_slope), dim=-1)
+            own_logs = basis, basis_slope, basis_second
+            corner_count = len(columns) - self.panels * (1 + 2 * terms)
+            if i == self.panels - 1:
+                extra = (v[..., -corner_count:] for v in corner_columns(flat[:, -2:], grid.x))
+                pairs = zip(own_logs, extra, strict=True)
+                own_logs = tuple(torch.cat((b.expand(batch, -1, -1), e), dim=-1) for b, e in pairs)
+            own_log, own_log_slope, own_log_second = own_logs
             own = 1 + terms + own_log.shape[-1]
             size = width + own
             rib, length = slice(width + 1, width + 1 + terms), slice(width + 1 + terms, size)
@@ -246,7 +277,9 @@ class StripsCup(Cup):
             own_alpha = saturation * basis
             own_alpha_slope = saturation * (basis_slope - twice * basis)
             own_t = t * own_log
-            own_t_slope = torch.addcmul(t * own_log_slope, panel.t_slope[..., None], own_log)
+            t_slope, t_second = panel.t_slope[..., None], panel.t_second[..., None]
+            own_t_slope = torch.addcmul(t * own_log_slope, t_slope, own_log)
+            own_t_second = t_second * own_log + 2 * t_slope * own_log_slope + t * own_log_second
             bending = torch.addcmul(d_k1 * sine, d_k2, cosine, value=-1)
 
             # the roll: delta' + a delta = h, delta(middle) = delta of the angle
@@ -258,6 +291,9 @@ class StripsCup(Cup):
 
             d_xi = pad(bending, (0, own)).addcmul_(omega_eta, d_phi)
             d_spin = pad(torch.addcmul(d_k1 * cosine, d_k2, sine), (0, own)).addcmul_(omega_xi, d_phi, value=-1)
+            edge_below, edge_above = self._variations(panel, flat[:, -2:], i)
+            unfair += [edge_below.residual, edge_above.residual]
+            unfair_columns[:, 2 * i, :, :size] = edge_below.columns(d_spin, pad(d_speed, (0, own)))
             d_spin[..., rib] += own_alpha_slope
             d_open = pad(d_speed * rib_cosine, (0, own))
             d_open[..., rib] -= speed * rib_sine * own_alpha
@@ -270,6 +306,25 @@ class StripsCup(Cup):
             margin = q / opening
             margins.append(margin[..., 0])
             margin_columns[:, i, :, :size] = torch.addcmul(d_q, margin, d_open, value=-1) / opening
+
+            # how the upper edge turns in the panel: d (spin - beta')
+            turn = upper_turn(scalars, panel.t_slope, panel.t_second, grid.derivative)
+            p_slope, q_slope, spin_slope, beta_slope = (v[..., None] for v in (turn.p, turn.q, turn.spin, turn.beta))
+            d_back = pad(d_speed * rib_sine, (0, own))
+            d_back[..., rib] += speed * rib_cosine * own_alpha
+            d_back, d_opening, d_spin_slope = (apply(grid.derivative, d) for d in (d_back, d_open, d_spin))
+            d_p_slope, d_q_slope = -d_back, torch.addcmul(d_opening, t, d_spin_slope, value=-1)
+            d_q_slope = torch.addcmul(d_q_slope, t_slope, d_spin, value=-1)
+            d_p_slope[..., length] += own_t_second
+            d_q_slope[..., length] -= torch.addcmul(own_t_slope * spin, own_t, spin_slope)
+            next_speed = scalars.next_speed[..., None]
+            d_next_speed = torch.addcmul(p * d_p, q, d_q) / next_speed
+            d_beta_slope = torch.addcmul(d_p * q_slope, p, d_q_slope) - torch.addcmul(d_q * p_slope, q, d_p_slope)
+            d_beta_slope = d_beta_slope / next_speed**2 - 2 * beta_slope / next_speed * d_next_speed
+            unfair_columns[:, 2 * i + 1, :, :size] = edge_above.columns(d_spin - d_beta_slope, d_next_speed)
+            if i == self.panels - 1:
+                steps = edge_above.curvature.diff(dim=-1) / edge_above.lengths.sqrt()
+                unfair_columns[:, 2 * i + 1, :, size - 1] += steps * beside_corner(flat[:, -2:], grid.x)[1]
 
             # the frame of the rulings turns, about d, d_max and eta, and the edge moves
             about_xi = pad(torch.addcmul(about_U * cosine, about_V, sine), (0, own))
@@ -289,9 +344,8 @@ class StripsCup(Cup):
             _add_vectors(tangent, panel.eta, torch.addcmul(p * about_d_max, q, about_d, value=-1))
 
             if i + 1 < self.panels:
-                next_speed = scalars.next_speed[..., None]
                 turn_sine, turn_cosine = (v[..., None] for v in (scalars.beta.sine, scalars.beta.cosine))
-                d_speed = torch.addcmul(turn_cosine * d_q, turn_sine, d_p, value=-1)
+                d_speed = d_next_speed
                 d_beta = -torch.addcmul(turn_cosine * d_p, turn_sine, d_q) / next_speed
                 bend = omega_xi / rib_cosine
                 d_bend = d_xi / rib_cosine
@@ -308,6 +362,8 @@ class StripsCup(Cup):
             table=table,
             margin=torch.stack(margins, dim=1),
             margin_columns=margin_columns,
+            unfairness=torch.stack(unfair, dim=1).flatten(1),
+            unfairness_columns=unfair_columns.flatten(1, 2),
             constraints={},
             columns=columns,
             reach=(*((i + 1) * (1 + 2 * terms) for i in range(self.panels - 1)), len(columns)),
@@ -318,14 +374,43 @@ class StripsCup(Cup):
     def constraints(self, shape: CupShape) -> dict[str, Float[Tensor, "batch m"]]:
         return {}
 
+    def unfairness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
+        edges = []
+        for i, panel in enumerate(self._march(flat, self.grid)):
+            edges += [edge.residual for edge in self._variations(panel, flat[:, -2:], i)]
+        return torch.cat(edges, dim=-1)
+
+    def _variations(
+        self, panel: "_Panel", corner: Float[Tensor, "batch 2"], number: int
+    ) -> tuple[Variation, Variation]:
+        """How the curvature of a flat panel's lower and upper edge varies, the upper edge's corner apart."""
+        scalars, grid = panel.strip, self.grid
+        steps = grid.s.diff()
+        turn = upper_turn(scalars, panel.t_slope, panel.t_second, grid.derivative)
+        share = beside_corner(corner, grid.x)[0] if number == self.panels - 1 else 1.0
+        return (
+            Variation(scalars.omega_eta, scalars.speed, steps),
+            Variation(scalars.spin - turn.beta, scalars.next_speed, steps, share),
+        )
+
     @property
-    def waviness(self) -> Float[Tensor, " size"]:
-        """By the order k of a parameter's polynomial: k^2, and k^3 / WAVY_FROM for high orders. By k^2 alone
-        edges ripple near the wire's ends, where these polynomials are quickest.
+    def plain(self) -> tuple[Float[Tensor, " size"], Float[Tensor, " size"]]:
+        """See PLAIN. A term of order k counts (1 + (k / PLAIN_ORDER)^6)^(1/2): low orders alike, high orders as third
+        derivatives of the edges would count them.
         """
+        series = {name: self.stations.new_zeros(self.panels, self.terms) for name in ("rib", "length")}
+        for i in range(self.panels):
+            role = "last" if i == self.panels - 1 else "first" if i == 0 else "middle"
+            for name, values in PLAIN[role].items():
+                kept = self.stations.new_tensor(values[: self.terms])
+                series[name][i, : len(kept)] = kept
+        series["length"][:, 0] -= math.log(self.panels)
         order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device)
-        wavy = order.square() * (order / WAVY_FROM).clamp_min(1)
-        return torch.cat((wavy.new_zeros(self.panels), wavy.repeat(2 * self.panels), wavy.new_zeros(2)))
+        count = (1 + (order / PLAIN_ORDER) ** 6).sqrt().expand(self.panels, -1)
+        none = {"angle": order.new_zeros(self.panels), "corner": order.new_zeros(2)}
+        values, counts = none | series, none | dict.fromkeys(series, count)
+        flat = (torch.cat([parts[name].flatten() for name in self.layout]) for parts in (values, counts))
+        return next(flat), next(flat)
 
     @torch.no_grad()
     def start(self, angles: Float[Tensor, "batch panels"], reaches: Float[Tensor, "batch panels"]) -> None:
@@ -340,9 +425,12 @@ class StripsCup(Cup):
         heading = torch.atan2(out, across)
         turn = torch.cat((heading[:, :1], heading.diff(dim=1)), dim=1)
         self.angle.copy_(torch.remainder(turn + torch.pi, 2 * torch.pi) - torch.pi)
-        self.rib.zero_()
-        self.length.zero_()
-        self.length[..., 0] = step.norm(dim=-1).clamp_min(1e-2 * LENGTH).log()
+        plain = self.split(self.plain[0][None])
+        self.rib.copy_(plain["rib"].expand_as(self.rib))
+        self.rib[..., 0] = self.rib[..., 2] if self.terms > 2 else 0.0  # no lean in the middle, where T_2 is -1
+        self.length.copy_(plain["length"].expand_as(self.length))
+        even = self.length[..., 2] if self.terms > 2 else 0.0  # T_2(0) = -1
+        self.length[..., 0] = step.norm(dim=-1).clamp_min(1e-2 * LENGTH).log() + even
         self.corner.zero_()
 
     def select(self, index: Tensor) -> "StripsCup":
@@ -365,26 +453,27 @@ class StripsCup(Cup):
         cup = self.select(torch.arange(self.batch, device=self.stations.device))
         own = self.stations
         cup.stations = torch.linspace(0, LENGTH, 2 * len(own) - 1, dtype=own.dtype, device=own.device)
-        cup.output_grid = _Grid.of(self.wire, self.terms, 2 * len(self.output_grid.s))
+        cup.output_grid = StripGrid.of(self.wire, self.terms, 2 * len(self.output_grid.s))
         cup._place_stations()
         return cup
 
     def finer(self) -> "StripsCup":
         cup = self.select(torch.arange(self.batch, device=self.stations.device))
-        cup.grid = _Grid.of(self.wire, self.terms, len(self.grid.s) * 3 // 2)
+        cup.grid = StripGrid.of(self.wire, self.terms, len(self.grid.s) * 3 // 2)
         return cup
 
 
 @dataclass(frozen=True)
 class _Panel:
     """One panel at the nodes: rates of its lower edge, the edge, tanh of the rib angle's series and the series' slope,
-    slope of the ruling length, scalars, frame."""
+    first and second derivative of the ruling length, scalars, frame."""
 
     rates: Rates
     lower: Tensor
     bounded: Tensor
     lean_slope: Tensor
     t_slope: Tensor
+    t_second: Tensor
     strip: Strip
     d: Tensor
     d_max: Tensor
@@ -399,106 +488,12 @@ class _Panel:
         return torch.addcmul(self.strip.p[..., None] * self.d, self.strip.q[..., None], self.d_max)
 
 
-class _Grid(nn.Module):
-    """Nodes with their operators and bases, and the wires there: positions, reference frame (V the chest's normal made
-    orthogonal to T), rates.
-    """
-
-    s: Tensor
-    x: Tensor
-    derivative: Tensor
-    integral: Tensor
-    bump: Tensor
-    bump_slope: Tensor
-    basis: Tensor
-    basis_slope: Tensor
-    edge: Tensor
-    T: Tensor
-    U: Tensor
-    V: Tensor
-    speed: Tensor
-    k1: Tensor
-    k2: Tensor
-    w: Tensor
-    WIRE = ("edge", "T", "U", "V", "speed", "k1", "k2", "w")
-
-    def __init__(self, tensors: dict[str, Tensor]):
-        super().__init__()
-        for name, value in tensors.items():
-            self.register_buffer(name, value, persistent=False)
-
-    @staticmethod
-    def of(wire: Wire, terms: int, nodes: int) -> "_Grid":
-        """The grid of so many nodes on these wires."""
-        some, operators = wire.coefficients, Nodes.of(nodes, LENGTH)
-        x = 2 * operators.s / LENGTH - 1
-        arrays = {
-            "s": operators.s,
-            "x": x,
-            "derivative": operators.derivative,
-            "integral": operators.integral,
-            "bump": 1 - x * x,
-            "bump_slope": -4 / LENGTH * x,
-        }
-        constants = {name: like(value, some) for name, value in arrays.items()}
-        basis, slope = _basis(terms, torch.from_numpy(x))
-        constants |= {"basis": basis.to(some), "basis_slope": slope.to(some)}
-        position, first, second = (wire.sample(constants["s"], k) for k in range(3))
-        speed = first.norm(dim=-1)
-        T = first / speed[..., None]
-        normal = torch.zeros_like(T)
-        normal[..., 2] = 1
-        V = unit(normal - dot(normal, T)[..., None] * T)
-        U = torch.linalg.cross(V, T)
-        turning = (second - dot(second, T)[..., None] * T) / speed[..., None]
-        twisting = -dot(apply(constants["derivative"], V), U)
-        rates = {"speed": speed, "k1": dot(turning, U), "k2": dot(turning, V), "w": twisting}
-        return _Grid({**constants, "edge": position, "T": T, "U": U, "V": V, **rates})
-
-    def select(self, index: Tensor) -> "_Grid":
-        """The grid on the wires with these batch indices."""
-        return _Grid({name: v[index] if name in self.WIRE else v for name, v in self.named_buffers()})
-
-
-def _basis(terms: int, x: Float[Tensor, " n"]) -> tuple[Float[Tensor, "terms n"], Float[Tensor, "terms n"]]:
-    """Chebyshev polynomials at x in [-1, 1] and their derivatives by s."""
-    points = x.cpu().double().numpy()
-    values, slopes = (chebyshev_synthesis(terms, points, k).T.copy() for k in (0, 1))
-    return like(values, x), like(slopes * (2 / LENGTH), x)
-
-
 def _series(
-    coefficients: Float[Tensor, "batch series terms"],
-    basis: Float[Tensor, "terms n"],
-    basis_slope: Float[Tensor, "terms n"],
-) -> tuple[Float[Tensor, "batch series n"], Float[Tensor, "batch series n"]]:
-    """Values of series and their derivatives."""
-    both = torch.cat((basis, basis_slope), dim=-1)
-    values, slopes = torch.bmm(coefficients, both.expand(len(coefficients), -1, -1)).chunk(2, dim=-1)
-    return values, slopes
-
-
-def _cornered(
-    log: Float[Tensor, "batch n"],
-    slope: Float[Tensor, "batch n"],
-    corner: Float[Tensor, "batch 2"],
-    x: Float[Tensor, " n"],
-) -> tuple[Tensor, Tensor]:
-    """A log length and its derivative by s with the corner's term."""
-    height, place = corner[:, :1], corner[:, 1:]
-    away = x - place
-    r = (away * away + CORNER_WIDTH**2).sqrt()
-    return log + height * r, slope + height * away / r * (2 / LENGTH)
-
-
-def _corner_columns(corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]) -> tuple[Tensor, Tensor]:
-    """Derivatives of `_cornered` by the corner's two parameters, in the last dimension."""
-    height, place = corner[:, :1], corner[:, 1:]
-    away = x - place
-    r = (away * away + CORNER_WIDTH**2).sqrt()
-    log = torch.stack((r, -height * away / r), dim=-1)
-    slope = torch.stack((away / r, -height * CORNER_WIDTH**2 / r**3), dim=-1)
-    return log, slope * (2 / LENGTH)
+    coefficients: Float[Tensor, "batch series terms"], *bases: Float[Tensor, "terms n"]
+) -> tuple[Float[Tensor, "batch series n"], ...]:
+    """Values of series and their derivatives, one for each basis."""
+    every = torch.cat(bases, dim=-1)
+    return torch.bmm(coefficients, every.expand(len(coefficients), -1, -1)).chunk(len(bases), dim=-1)
 
 
 def _add_vectors(

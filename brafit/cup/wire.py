@@ -17,7 +17,9 @@ from numpy.polynomial import chebyshev
 from torch import Tensor, nn
 
 from brafit.geometry.grid import chebyshev_analysis, chebyshev_integral, chebyshev_points, chebyshev_synthesis
+from brafit.geometry.polyline import distinct
 from brafit.geometry.rotation import motion_exp
+from brafit.geometry.smoothing import chord_parameter, smooth_series
 
 LENGTH = math.pi
 """Length of every wire in solver units."""
@@ -109,8 +111,7 @@ class Wire(nn.Module):
     def from_polyline(points: Float[np.ndarray, "k 3"], smoothing: float = 1e-6) -> "Wire":
         """Smooth wire through a polyline whose ends are kept.
 
-        Least squares plus `smoothing` times the mean squared third derivative, both in solver units: a wave of n
-        half-periods along the wire keeps 1 / (1 + smoothing n^6) of its amplitude. `self.smoothing` reports the
+        `smoothing` is that of `brafit.geometry.smoothing.smooth_series`, in solver units. `self.smoothing` reports the
         largest distance of the given points from the result.
 
         Raises:
@@ -119,15 +120,12 @@ class Wire(nn.Module):
         points = np.asarray(points, dtype=np.float64)
         if not np.isfinite(points).all():
             raise ValueError("the wire has points that are not finite numbers")
-        keep = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 0)
-        points = points[keep]
+        points = distinct(points)
         if len(points) < 4:
             raise ValueError(f"a wire needs at least 4 distinct points, got {len(points)}")
-        chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        parameter = np.r_[0, np.cumsum(chords)]
-        scale = parameter[-1] / LENGTH
-        x = 2 * parameter / parameter[-1] - 1
-        series = _fit_series(x, points / scale, chords, smoothing) * scale
+        x, chords = chord_parameter(points)
+        scale = chords.sum() / LENGTH
+        series = smooth_series(x, points / scale, chords, smoothing) * scale
         positions, length = _by_arc_length(series)
         wire = _from_samples(positions, length, 0.0)
         off = _distances(wire, torch.from_numpy(points) / wire.scale).max() * wire.scale
@@ -140,22 +138,6 @@ def _from_samples(positions: np.ndarray, length: float, smoothing: float) -> Wir
     coefficients = chebyshev_analysis(len(positions)) @ (positions / scale)
     numbers = (torch.tensor([v], dtype=torch.float64) for v in (scale, smoothing))
     return Wire(torch.from_numpy(coefficients)[None], *numbers)
-
-
-def _fit_series(x: np.ndarray, points: np.ndarray, chords: np.ndarray, smoothing: float) -> np.ndarray:
-    """Chebyshev coefficients of a smooth curve near `points` at x, through the first and the last of them."""
-    terms = min(28, len(points))
-    values = chebyshev.chebvander(x, terms - 1)
-    weights = np.convolve(chords, (0.5, 0.5)) / chords.sum()  # trapezoidal: uneven sampling does not matter
-    nodes, quadrature = np.polynomial.legendre.leggauss(2 * terms)
-    third = chebyshev_synthesis(terms, nodes, 3) * (2 / LENGTH) ** 3
-    normal = values.T @ (weights[:, None] * values) + max(smoothing, 1e-12) * third.T @ (
-        quadrature[:, None] / 2 * third
-    )
-    ends = values[[0, -1]]
-    system = np.block([[normal, ends.T], [ends, np.zeros((2, 2))]])
-    right = np.concatenate((values.T @ (weights[:, None] * points), points[[0, -1]]))
-    return np.linalg.solve(system, right)[:terms]
 
 
 def _by_arc_length(series: np.ndarray) -> tuple[np.ndarray, float]:

@@ -24,6 +24,8 @@ _COMPACT = 0.75
 """Finished problems leave the batch once less than this share of it still runs."""
 _SHORTEST = 1e-2
 """A step is not shortened further than this."""
+_WORTH = 1.08
+"""A neckline's weight that is to be raised by less is not worth fitting again."""
 _SEARCHING = 4
 """Nearest points are searched anew in the first steps and then every so many; in between, they are followed."""
 
@@ -40,8 +42,9 @@ class LMStage:
         keep: starts per scan that go on after the stage.
         penalty: penalty mu of the cup's constraints, where it has any.
         tolerance: relative decrease of the objective, expected and found, at which a problem has converged.
-        smoothness, margin_width: at least these values of the conditions hold while the stage runs (smoothness: for
-            cups that are exact). Smooth cups whose barrier is soft lead past poor optima.
+        fairness, plainness: multiply these weights while the stage runs (cups that are exact). There is one best among
+            very plain cups, which the next stages follow; fairness alone has many, and comes last.
+        margin_width: holds at least while the stage runs: a soft barrier leads past poor optima.
     """
 
     steps: int
@@ -50,7 +53,8 @@ class LMStage:
     keep: int | None = None
     penalty: float = 1.0
     tolerance: float = 1e-6
-    smoothness: float = 0.0
+    fairness: float = 1.0
+    plainness: float = 1.0
     margin_width: float = 0.0
 
     def __post_init__(self) -> None:
@@ -84,7 +88,7 @@ class LM:
         margin: tolerance below the conditions' regularity margin at which the barrier is raised for a problem, tenfold
             each time, and its fit repeated on a finer grid. So it is where the upper edge is beyond
             `Conditions.neckline_limit`, with the neckline's weight raised; that is looked at after earlier stages
-            with all terms free and no extra smoothness as well.
+            with all terms free and the conditions as they are, as well.
         apart: how far above the best, in parts of it, the objective of a start must be to count as another optimum.
     """
 
@@ -129,7 +133,7 @@ class LM:
                     break
                 low = shape.margin.amin((-2, -1)) < objective.conditions.margin - self.margin
                 barrier[running[low]] *= 10
-                running = running[low | (factor > 1)]
+                running = running[low | (factor > _WORTH)]
                 if len(running) == 0:
                     break
                 grid = grid.finer()
@@ -148,7 +152,7 @@ class LM:
     @staticmethod
     def _settled(stage: LMStage, objective: Objective) -> bool:
         """Whether an upper edge that is off its neckline after the stage would be off at the end, too."""
-        return stage.terms is None and stage.smoothness <= objective.conditions.smoothness
+        return stage.terms is None and stage.fairness == stage.plainness == 1
 
     def _drop(
         self,
@@ -188,8 +192,8 @@ def staged(
     objective: Objective, place: Float[Tensor, "batch size"], stage: LMStage
 ) -> tuple[Objective, Float[Tensor, "batch size"]]:
     """The objective as a stage sees it, and the places that the stage begins at."""
-    smoothness = stage.smoothness if objective.cup.exact else 0.0
-    objective = objective.seen(stage.points).softened(smoothness, stage.margin_width)
+    shares = (stage.fairness, stage.plainness) if objective.cup.exact else (1.0, 1.0)
+    objective = objective.seen(stage.points).eased(*shares, stage.margin_width)
     targets = objective.targets
     return objective, objective.cup.place_corner(place, targets.connection, targets.has_connection)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +17,9 @@ from torch.nn.utils.rnn import pad_sequence
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
-from brafit.fit.measure import figures_of, flat_panels, point_distances, wire_places
+from brafit.fit.certainty import Alternative, deviations, outline_deviation
+from brafit.fit.measure import figures_of, flat_panels, point_distances, tight_bends, upper_edge_gap, wire_places
+from brafit.fit.neckline import Neckline
 from brafit.fit.objective import Conditions, Objective, Pressure
 from brafit.fit.result import ResultCode
 from brafit.fit.shards import in_shards
@@ -35,6 +38,10 @@ ISOMETRY_LIMIT = 1.0
 """Largest difference of lengths in space and in the pattern, in mm, of anything that is a cup at all."""
 REMEDY = "Try more starts (restarts=6) or another number of panels (cup.panels)"
 """What helps where a fit is no cup."""
+UNCERTAIN = 2.0
+"""Largest standard deviation (mm) of an outline's place without a warning."""
+TIGHT = 10.0
+"""Least radius (mm) of a flat edge without a warning."""
 FAR, FAR_SHARE = 5.0, 0.05
 """A warning is due if more than this share of the points is further than this from the cup, mm."""
 
@@ -54,6 +61,7 @@ class CupFit:
         iterations: evaluations of the objective by the start that won.
         seconds: this scan's share of the batch's time.
         warnings: what is uncertain about the fit, in plain words.
+        alternatives: cups a standard deviation away, see `brafit.fit.certainty`; none where that is not known.
     """
 
     name: str
@@ -67,6 +75,7 @@ class CupFit:
     iterations: int
     seconds: float
     warnings: tuple[str, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
 
 
 def fit_targets(
@@ -125,13 +134,62 @@ def _fit_together(
     winners = model.select(best).on(wires)  # in double precision, whatever the fit computed with
     winners.load_flat(flat)
     named, rows = winners.split(flat), [int(row) for row in best]
+    changes = _deviations(
+        winners, objective.targets.select(best).to(wires.scale), condition, solution.pressure.select(best)
+    )
     results = []
     for k, (row, measured) in enumerate(zip(rows, _measured(winners, targets), strict=True)):
         parameters = {name: value[k].tolist() for name, value in named.items()}
         fit = _fit_of(targets[k], measured, solution.codes[row], parameters, int(solution.iterations[row]))
+        fit = replace(fit, alternatives=_alternatives(winners.select(torch.tensor([k])), fit, changes[k]))
+        line = targets[k].smooth_neckline(condition.neckline_wave)
+        fit = replace(fit, figures=fit.figures | _of_outlines(fit, line, targets[k].strap_point))
         told = solution.warnings[row] if solution.warnings else ()
-        results.append(_judged(fit, winners, condition, told))
+        results.append(_judged(fit, line, targets[k].strap_point, winners, condition, told))
     return results
+
+
+def _deviations(
+    winners: Cup, targets: Targets, condition: Conditions, pressure: Pressure
+) -> Float[Tensor, "batch count size"]:
+    """`deviations` of the winners; none for cups with constraints, which would have to be fulfilled anew for each."""
+    flat = winners.flatten().detach()
+    if not winners.exact:
+        return flat.new_zeros(len(flat), 0, flat.shape[1])
+    factors = (f.to(flat) if isinstance(f, Tensor) else f for f in (pressure.barrier, pressure.neckline))
+    return deviations(Objective(winners, targets, condition), flat, Pressure(pressure.penalty, {}, *factors))
+
+
+@torch.no_grad()
+def _alternatives(winner: Cup, fit: CupFit, changes: Float[Tensor, "count size"]) -> tuple[Alternative, ...]:
+    """The fit's cup with each of the changes, on the fit's own stations; none where a change is no cup."""
+    count = len(changes)
+    if not count or not bool(changes.isfinite().all()):
+        return ()
+    while len(winner.stations) < len(fit.shape.stations):
+        winner = winner.refined()
+    cups = winner.select(torch.zeros(count, dtype=torch.long))
+    shape = in_millimetres(cups.shape_of(cups.flatten() + changes), winner.wire.scale.item())
+    if not bool(shape.edges.isfinite().all()):
+        return ()
+    flat = flat_panels(shape)
+    return tuple(
+        Alternative(
+            shape.map(partial(torch.select, dim=0, index=i)),
+            [FlatPanel(*edges) for edges in zip(flat.lower[i], flat.upper[i], strict=True)],
+        )
+        for i in range(count)
+    )
+
+
+def _of_outlines(fit: CupFit, line: Neckline | None, strap_point: np.ndarray | None) -> dict[str, float]:
+    """What is said of the outlines and their neckline."""
+    spread = [float(edge.max()) for pair in outline_deviation(fit.panels, fit.alternatives) for edge in pair]
+    return {
+        "neckline_smoothing_mm": math.nan if line is None else line.smoothing,
+        "outline_sd_mm": max(spread) if fit.alternatives else math.nan,
+        "tightest_radius_mm": min(bend.radius for bend in tight_bends(fit.shape, fit.panels, strap_point)),
+    }
 
 
 def starting_problems(
@@ -147,7 +205,8 @@ def starting_problems(
     repeated = torch.arange(len(targets)).repeat_interleave(restarts)
     model = cup(wires.select(repeated).to(device=device, dtype=dtype))
     repeated = repeated.to(device)
-    batch = Targets.stack(targets, model.wire.scale[::restarts]).select(repeated)
+    batch = Targets.stack(targets, model.wire.scale[::restarts], neckline_wave=condition.neckline_wave)
+    batch = batch.select(repeated)
     curves = np.concatenate([start_curves(t, model.panels, restarts) for t in targets])
     angles, reaches = (torch.as_tensor(v, dtype=dtype, device=device) for v in middles(curves))
     model.start(angles, reaches / batch.scale[:, None])
@@ -173,7 +232,14 @@ def _best(objective: Objective, solution: Solution) -> Int[Tensor, " scans"]:
     return left[first]
 
 
-def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -> CupFit:
+def _judged(
+    fit: CupFit,
+    line: Neckline | None,
+    strap_point: np.ndarray | None,
+    cup: Cup,
+    condition: Conditions,
+    told: Sequence[str],
+) -> CupFit:
     """The fit with its warnings; unresolved, if the model makes exact panels and these are not, or if it is no cup."""
     margin, twist = fit.figures["regularity_min"], fit.figures["twist_deg_max"]
     warnings, faults = list(told), []
@@ -184,9 +250,18 @@ def _judged(fit: CupFit, cup: Cup, condition: Conditions, told: Sequence[str]) -
         warnings.append("the fit stopped at its step limit, perhaps short of the best cup")
     if far > FAR_SHARE:
         warnings.append(f"{far:.1%} of the points are more than {FAR:g} mm from the cup; more panels follow it closer")
-    off, limit = fit.figures["upper_edge_mm"], condition.neckline_limit
+    if fit.figures["outline_sd_mm"] > UNCERTAIN:
+        sd = fit.figures["outline_sd_mm"]
+        warnings.append(f"another scan of this breast would move the outlines by {sd:.1f} mm (standard deviation)")
+    if cup.exact:
+        warnings += [str(b) for b in tight_bends(fit.shape, fit.panels, strap_point) if b.radius < TIGHT]
+    limit = condition.neckline_limit
+    off = 0.0 if line is None else upper_edge_gap(fit.shape.edges[-1], torch.as_tensor(np.concatenate(line.sides)))
     if cup.exact and limit is not None and off > 1.1 * limit:
-        warnings.append(f"the upper edge is {off:.2f} mm off the neckline, beyond condition.neckline_limit={limit:g}")
+        cause = (
+            f"the upper edge is {off:.2f} mm off the smoothed neckline (mean), condition.neckline_limit is {limit:g}"
+        )
+        warnings.append(f"{cause}; a larger condition.neckline or a smaller condition.fairness brings it nearer")
     if cup.exact and not twist <= TWIST_LIMIT:
         faults.append(f"a ruling's normals differ by {twist:.3g} degrees, more than {TWIST_LIMIT:g}")
     torn = not fit.figures["isometry_mm"] <= ISOMETRY_LIMIT

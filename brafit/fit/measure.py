@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -12,6 +15,7 @@ from brafit.cup.condition import nearest_on_polyline, polyline_points
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, rib_angle, twist_angle
 from brafit.geometry.development import FlatPanel, arc_lengths, develop
+from brafit.geometry.fairness import EdgeCurvature
 from brafit.geometry.grid import sliding_derivative
 from brafit.geometry.nearest import project
 
@@ -104,3 +108,39 @@ def _between(shape: CupShape) -> Tensor:
     x, v, h = shape.edges[0], shape.tangents[0], shape.stations.diff()[:, None]
     middle = 0.5 * (x[:-1] + x[1:]) + h / 8 * (v[:-1] - v[1:])
     return torch.cat((x, middle))
+
+
+@dataclass(frozen=True)
+class Bend:
+    """The tightest bend of a flat edge, the ends and the strap's corner apart.
+
+    Attributes:
+        edge, edges: which of how many, 0 at the wire.
+        panel: in which panel, from the wire up.
+        radius, arc: its radius and its distance from the edge's inner end, mm.
+    """
+
+    edge: int
+    panel: int
+    edges: int
+    radius: float
+    arc: float
+
+    def __str__(self) -> str:
+        last = self.edges - 1
+        name = "the wire edge" if self.edge == 0 else "the upper edge" if self.edge == last else f"ridge {self.edge}"
+        where = f"{self.arc:.0f} mm from its inner end, in panel {self.panel + 1}"
+        return f"{name} bends with a radius of {self.radius:.1f} mm, {where}"
+
+
+def tight_bends(shape: CupShape, panels: Sequence[FlatPanel], strap_point: Float[np.ndarray, "3"] | None) -> list[Bend]:
+    """The tightest bend of both edges of every flat panel."""
+    bends = []
+    for i, panel in enumerate(panels):
+        for edge, curve in ((i, panel.lower.numpy()), (i + 1, panel.upper.numpy())):
+            corner = None
+            if edge == len(panels) and strap_point is not None:
+                corner = curve[(shape.edges[-1] - torch.as_tensor(strap_point)).norm(dim=-1).argmin()]
+            radius, arc = EdgeCurvature.of(curve, corner).tightest()
+            bends.append(Bend(edge, i, len(panels) + 1, radius, arc))
+    return bends

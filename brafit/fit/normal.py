@@ -77,12 +77,12 @@ def normal_equations(
     """
     linear = objective.cup.linearise(flat, terms)
     values, feet, gradient, matrix = _points(objective, linear, near)
-    blocks = objective.blocks(flat, linear.shape, pressure, linear.margin)
+    blocks = objective.blocks(flat, linear.shape, pressure, linear.margin, linear.unfairness)
     rows = []
     for block in blocks:
         values[block.name], slope = block.model()
-        if block.name == "roughness":  # each residual depends on one parameter
-            own, factor = slope[:, linear.columns], objective.cup.waviness[linear.columns]
+        if block.name == "plainness" and (plain := objective.cup.plain) is not None:  # a residual a parameter
+            own, factor = slope[:, linear.columns], plain[1][linear.columns]
             gradient += own * factor * block.residual[:, linear.columns]
             matrix.diagonal(dim1=-2, dim2=-1).add_(own * factor**2)
         else:
@@ -94,6 +94,9 @@ def normal_equations(
     value = torch.stack(list(values.values())).sum(0)
     order = linear.columns.argsort()
     gradient, matrix = gradient[:, order], matrix[:, order][:, :, order]
+    unasked = objective.unasked(linear.columns[order])
+    gradient = gradient.masked_fill(unasked, 0.0)
+    matrix = matrix.masked_fill(unasked[:, None] | unasked[..., None], 0.0) + torch.diag_embed(unasked.to(matrix))
     return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), values, feet)
 
 
@@ -128,12 +131,14 @@ def _points(
 def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[Tensor, "batch m columns"]:
     """Derivatives of a block's residuals."""
     if block.gaps is not None:
-        return block.gaps.columns(linear.table).flatten(1, 2)
+        own = block.gaps.own
+        last = None if own is None else int((linear.columns >= objective.cup.size - own.shape[-1]).sum())
+        return block.gaps.columns(linear.table, last).flatten(1, 2)
     if block.name == "regularity":
         c = objective.conditions
         fading = torch.sigmoid((c.margin - linear.margin) / c.margin_width)
         return (-fading[..., None] * linear.margin_columns).flatten(1, 2)
-    return linear.constraints[block.name]
+    return linear.unfairness_columns if block.name == "fairness" else linear.constraints[block.name]
 
 
 def gram(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import partial
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from brafit.cup.base import Cup
@@ -25,10 +25,15 @@ from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
 Flat = Float[Tensor, "batch size"]
 GUIDING = 0.4
 """Weight of the mean squared distance between edges and guides, each way."""
+FAIRNESS = 4e-6
+"""Weight of the variation of the flat edges' curvature (`brafit.geometry.fairness`) at `Conditions.fairness` 1."""
+PLAINNESS = 7e-3
+"""Weight of what sets a cup apart from the plain one (`Cup.plain`) at `Conditions.fairness` 1, over the square of the
+number of panels: the fewer panels, the less close the cup, and the less data say about it."""
 RIM_SPACINGS = 2.5
 """Spacings of the cloud's points within which the upper edge is on the cloud."""
-_SPARE, _RESPONSE = 1.15, 1.5
-"""The distance between edge and neckline falls about as the weight to the power of -1 / 1.5; a little to spare."""
+_RESPONSE = 1.5
+"""The distance between edge and neckline falls about as the weight to the power of -1 / 1.5."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,7 @@ class Conditions:
         neckline: weight of the mean squared distance between upper edge and neckline, each way.
         neckline_limit: mean distance between upper edge and neckline, mm, above which that weight is raised for a scan
             (exact cups only); None: never.
+        neckline_wave: length of the waves (mm) of the neckline that are smoothed away, see `smooth_neckline`; 0: none.
         rim: weight of the mean squared distance by which the upper edge leaves the cloud, where no neckline is given.
         connection: k1 of the fuzzy condition (42) that draws the upper edge to the strap point.
         connection_width: 1 / sqrt(k2), mm: within it the condition is nearly free, beyond it steep.
@@ -49,13 +55,15 @@ class Conditions:
         margin: the regularity margin that the barrier keeps.
         margin_width: how far above it the barrier begins.
         barrier: weight of the barrier.
-        smoothness: weight of the roughness of the parameters.
+        fairness: how fair and repeatable the flat edges are to be, against how close the cup is: multiplies FAIRNESS
+            and PLAINNESS. 0: only close.
     """
 
     points: str = "l2"
     points_width: float = 0.5
-    neckline: float = 0.185
+    neckline: float = 0.25
     neckline_limit: float | None = 0.8
+    neckline_wave: float = 45.0
     rim: float = 0.1
     connection: float = 0.002
     connection_width: float = 20.0
@@ -64,7 +72,7 @@ class Conditions:
     margin: float = 0.3
     margin_width: float = 0.03
     barrier: float = 1.0
-    smoothness: float = 3e-7
+    fairness: float = 1.0
 
     def __post_init__(self) -> None:
         point_loss(self.points, 1.0)
@@ -155,6 +163,7 @@ class Objective:
         self.cup, self.targets, self.conditions, self.guides = cup, targets, conditions, guides
         self.groups = torch.arange(cup.batch, device=targets.points.device) if groups is None else groups
         self.guiding = False
+        self.shares = (1.0, 1.0)
 
     def _with(self, **changes: object) -> "Objective":
         """A shallow copy with some attributes changed."""
@@ -180,11 +189,13 @@ class Objective:
         """The same problems with at most `count` points each."""
         return self._with(targets=self.targets.thinned(count))
 
-    def softened(self, smoothness: float, margin_width: float) -> "Objective":
-        """The same problems with at least these values of the conditions."""
+    def eased(self, fairness: float, plainness: float, margin_width: float) -> "Objective":
+        """The same problems with so many times the weights of fairness and plainness, and at least this width of the
+        margin.
+        """
         c = self.conditions
-        least = {"smoothness": smoothness, "margin_width": margin_width}
-        return self._with(conditions=replace(c, **{k: max(v, getattr(c, k)) for k, v in least.items()}))
+        wide = replace(c, margin_width=max(margin_width, c.margin_width))
+        return self._with(conditions=wide, shares=(fairness, plainness))
 
     def seen(self, points: int | None) -> "Objective":
         """The same problems as a stage sees them: with at most so many points each, or all (None). 0: none, their
@@ -209,7 +220,7 @@ class Objective:
         there = gaps_to_line(shape, -1, line).vectors.norm(dim=-1) @ station_weights(shape.stations)
         back = gaps_to_points(shape, -1, line).vectors.norm(dim=-1).mean(-1)
         excess = 0.5 * (there + back) * self.targets.scale / limit
-        return torch.where(self.targets.has_neckline & (excess > 1), (_SPARE * excess) ** _RESPONSE, 1.0)
+        return torch.where(self.targets.has_neckline & (excess > 1), excess**_RESPONSE, 1.0)
 
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:
         """Nearest points of the targets' clouds on the cups."""
@@ -223,6 +234,13 @@ class Objective:
         """The cup model's own constraints, scaled so that a sum of squares is a mean over stations; maybe none."""
         return self.cup.constraints(shape)
 
+    def unasked(self, columns: Int[Tensor, " columns"]) -> Bool[Tensor, "batch columns"]:
+        """Which of these parameters nothing asks for: the place of an upper edge's corner without a strap point. Free,
+        it would wander and make a kink.
+        """
+        asked = self.targets.has_connection & (self.conditions.connection > 0)
+        return ~asked[:, None] & (columns == self.cup.corner_place)
+
     def points_block(self, distances: Float[Tensor, "batch points"]) -> Block:
         """The error between cloud and cup, (31)."""
         c = self.conditions
@@ -230,16 +248,25 @@ class Objective:
         return Block("points", distances, self.targets.weights, point_loss(c.points, width))
 
     def blocks(
-        self, flat: Flat, shape: CupShape, pressure: Pressure, margin: Float[Tensor, "batch panels n"]
+        self,
+        flat: Flat,
+        shape: CupShape,
+        pressure: Pressure,
+        margin: Float[Tensor, "batch panels n"],
+        unfairness: Float[Tensor, "batch m"],
     ) -> list[Block]:
-        """All residuals but the points', constraints last. `margin`: the regularity margin."""
+        """All residuals but the points', constraints last. `margin`: the regularity margin; `unfairness`: the cup's."""
         c = self.conditions
-        blocks = self._guided_edges(shape) if self.guiding else self._wanted_edges(shape, pressure)
+        blocks = self._guided_edges(shape) if self.guiding else self._wanted_edges(flat, shape, pressure)
         if c.barrier > 0:
             short = shortfall(margin.flatten(1), c.margin, c.margin_width)
             blocks.append(Block("regularity", short, c.barrier * pressure.barrier / short.shape[1]))
-        if c.smoothness > 0:
-            blocks.append(Block("roughness", self.cup.roughness(flat), c.smoothness))
+        if c.fairness > 0:
+            fairness, plainness = (c.fairness * share for share in self.shares)
+            blocks.append(Block("fairness", unfairness, fairness * FAIRNESS))
+            if (plain := self.cup.plain) is not None:
+                away = (flat - plain[0]) * plain[1]
+                blocks.append(Block("plainness", away, plainness * PLAINNESS / self.cup.panels**2))
         for name, value in self.constraints(shape).items():
             shift = pressure.multipliers.get(name)
             residual = value if shift is None else value + shift / pressure.penalty
@@ -249,7 +276,7 @@ class Objective:
     def _all(self, flat: Flat, shape: CupShape, pressure: Pressure) -> list[Block]:
         """The points' residuals and all others."""
         points = self.points_block(self.distances(shape, self.feet(shape)))
-        return [points, *self.blocks(flat, shape, pressure, shape.margin)]
+        return [points, *self.blocks(flat, shape, pressure, shape.margin, self.cup.unfairness(flat))]
 
     def _guided_edges(self, shape: CupShape) -> list[Block]:
         """Every edge drawn to its guide both ways."""
@@ -261,7 +288,7 @@ class Objective:
             blocks += _pulls(f"edge {i}", "guide", shape, there, back, GUIDING)
         return blocks
 
-    def _wanted_edges(self, shape: CupShape, pressure: Pressure) -> list[Block]:
+    def _wanted_edges(self, flat: Flat, shape: CupShape, pressure: Pressure) -> list[Block]:
         """What the landmarks ask of the edges."""
         c, targets, blocks = self.conditions, self.targets, []
         unit, has_strap = targets.scale[:, None], targets.has_connection[:, None].to(targets.points)
@@ -275,7 +302,8 @@ class Objective:
             blocks.append(self._rim(shape))
         if c.connection > 0:
             loss = partial(fuzzy, strength=c.connection, sharpness=(unit / c.connection_width) ** 2)
-            blocks.append(_pull("connection", wanted.part(slice(-1, None)), has_strap, loss))
+            corner = self.cup.corner_gap(flat, shape, targets.connection)
+            blocks.append(_pull("connection", corner or wanted.part(slice(-1, None)), has_strap, loss))
         if c.ridge_apex > 0 and self.cup.panels > 1:
             loss = partial(fuzzy, strength=c.ridge_apex, sharpness=(unit / c.ridge_apex_width) ** 2)
             has = targets.has_apex[:, None].to(targets.points)
@@ -297,7 +325,8 @@ class Objective:
         gaps = [gaps_to_points(shape, ridge, apex) for ridge in range(1, self.cup.panels)]
         nearest = torch.stack([g.vectors.detach().square().sum((-2, -1)) for g in gaps]).argmin(0)
         rows = torch.arange(len(nearest), device=nearest.device)
-        return Gaps(*(torch.stack([getattr(g, f.name) for g in gaps])[nearest, rows] for f in fields(Gaps)))
+        parts = (f.name for f in fields(Gaps) if f.name != "own")
+        return Gaps(*(torch.stack([getattr(g, name) for g in gaps])[nearest, rows] for name in parts))
 
     @torch.no_grad()
     def value(self, flat: Flat, pressure: Pressure) -> Float[Tensor, " batch"]:

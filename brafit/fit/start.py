@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from brafit.fit.targets import Target, resample
+from brafit.fit.targets import Target
+from brafit.geometry.polyline import evenly_spaced
 
 SAMPLES = 41
 """Evenly spaced points of each curve."""
@@ -53,8 +54,8 @@ def start_curves(target: Target, panels: int, count: int, seed: int = 0) -> Floa
         spread = _SPREAD[k] if k < len(_SPREAD) else random.uniform(0.6, 1.45)
         for i in range(panels - 1):
             share = _RIDGES * spread * (i + 1) / panels
-            curves[k, i] = resample(cloud.section(bottom + share * (top - bottom)), SAMPLES)
-        curves[k, -1] = resample(last, SAMPLES)
+            curves[k, i] = evenly_spaced(cloud.section(bottom + share * (top - bottom)), SAMPLES)
+        curves[k, -1] = evenly_spaced(last, SAMPLES)
     return curves
 
 

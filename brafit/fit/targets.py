@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from brafit.fit.neckline import Neckline, smooth_neckline
 from brafit.geometry.developable import dot
 from brafit.geometry.order import along_curve
 
@@ -46,6 +47,10 @@ class Target:
     apex: Float[np.ndarray, "3"] | None = None
     weights: Float[np.ndarray, " n"] | None = None
 
+    def smooth_neckline(self, wave: float) -> Neckline | None:
+        """The neckline without waves shorter than that, see `smooth_neckline`; None where none is given."""
+        return None if self.neckline is None else smooth_neckline(self.neckline, self.strap_point, wave)
+
 
 @dataclass(frozen=True)
 class Targets:
@@ -79,6 +84,11 @@ class Targets:
         """The targets with these batch indices (repetitions allowed)."""
         return Targets(*(getattr(self, f.name)[index] for f in fields(self)))
 
+    def to(self, like: Tensor) -> "Targets":
+        """The targets with the precision and on the device of another tensor."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Targets(**{k: v.to(like) if v.is_floating_point() else v.to(like.device) for k, v in values.items()})
+
     def thinned(self, count: int) -> "Targets":
         """The targets with at most `count` points each: the weighted means of as many small patches, runs of
         neighbouring points of the same number.
@@ -111,8 +121,15 @@ class Targets:
         return replace(self, points=points, weights=weights)
 
     @staticmethod
-    def stack(targets: Sequence[Target], scale: Float[Tensor, " batch"], samples: int = NECKLINE_SAMPLES) -> "Targets":
-        """A batch, with `scale` millimetres to a solver unit; dtype and device follow `scale`."""
+    def stack(
+        targets: Sequence[Target],
+        scale: Float[Tensor, " batch"],
+        samples: int = NECKLINE_SAMPLES,
+        neckline_wave: float = 0.0,
+    ) -> "Targets":
+        """A batch, with `scale` millimetres to a solver unit; dtype and device follow `scale`. `neckline_wave`: see
+        `smooth_neckline`.
+        """
 
         def tensor(values: object) -> Tensor:
             return torch.as_tensor(np.asarray(values), dtype=scale.dtype, device=scale.device)
@@ -129,7 +146,7 @@ class Targets:
             points[row, :count], weights[row, :count] = target.points[order], 1 / count
             if target.weights is not None:
                 weights[row, :count] = target.weights[order] / target.weights.sum()
-        lines = [None if t.neckline is None else resample(t.neckline, samples) for t in targets]
+        lines = [None if (line := t.smooth_neckline(neckline_wave)) is None else line.sampled(samples) for t in targets]
         neckline, has_neckline = optional(lines, np.zeros((samples, 3)))
         connection, has_connection = optional([t.strap_point for t in targets], np.zeros(3))
         apex, has_apex = optional([t.apex for t in targets], np.zeros(3))
@@ -168,11 +185,3 @@ def _sheets(targets: Sequence[Target]) -> tuple[np.ndarray, np.ndarray, np.ndarr
         sheets[k], normals[k] = cloud[whole], flattest[whole]
         spacings[k] = float(np.median(away[:, 1]))
     return sheets, normals, np.array(spacings)
-
-
-def resample(line: Float[np.ndarray, "k 3"], count: int) -> Float[np.ndarray, "count 3"]:
-    """Points evenly spaced by arc length along a polyline, ends included."""
-    line = np.asarray(line, dtype=np.float64)
-    arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
-    even = np.linspace(0, arc[-1], count)
-    return np.stack([np.interp(even, arc, column) for column in line.T], axis=1)

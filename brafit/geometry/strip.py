@@ -216,6 +216,28 @@ def next_rates(panel: Strip, derivative: Float[Tensor, "n n"]) -> Rates:
     )
 
 
+@dataclass(frozen=True)
+class UpperTurn:
+    """How a panel's upper edge turns: derivatives by s of spin, p, q and beta."""
+
+    spin: Values
+    p: Values
+    q: Values
+    beta: Values
+
+
+def upper_turn(panel: Strip, t_slope: Values, t_second: Values, derivative: Float[Tensor, "n n"]) -> UpperTurn:
+    """Derivatives along a panel's upper edge, from the first and second derivative of its ruling length.
+
+    Only what is smooth is differentiated on the grid: a corner of the ruling length spoils nothing beside it.
+    """
+    smooth = torch.stack((panel.speed * panel.alpha.sine, panel.opening, panel.spin), dim=-1)
+    back, opening, spin = apply(derivative, smooth).unbind(-1)
+    p = t_second - back
+    q = opening - t_slope * panel.spin - panel.t * spin
+    return UpperTurn(spin, p, q, (panel.p * q - panel.q * p) / panel.next_speed.square())
+
+
 def turned(first: Vectors, second: Vectors, angle: Angle) -> tuple[Vectors, Vectors]:
     """Two unit vectors at right angles, turned from the first towards the second."""
     sine, cosine = angle.sine[..., None], angle.cosine[..., None]

@@ -21,8 +21,9 @@ from brafit import __version__
 from brafit.atomic import write_text
 from brafit.cup.shape import CupShape
 from brafit.pattern.finish import Pattern
-from brafit.pattern.piece import Side
+from brafit.pattern.piece import Piece, Side
 from brafit.pattern.svg import svg_bytes
+from brafit.report.band import Deviation, band_svg, magnification
 from brafit.report.colour import DIVERGING, PANELS, distance_colours, distance_limit
 from brafit.report.dimensions import Dimension
 from brafit.report.paper import PaperPanel, paper_gap
@@ -38,6 +39,9 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "p95_mm": ("95th percentile", "mm"),
     "max_mm": ("largest", "mm"),
     "upper_edge_mm": ("upper edge and neckline apart", "mm"),
+    "neckline_smoothing_mm": ("given neckline off the smooth one that the cup follows, at most", "mm"),
+    "outline_sd_mm": ("standard deviation of the sewing lines' place if the breast were scanned again, at most", "mm"),
+    "tightest_radius_mm": ("tightest bend of a flat edge (radius), the strap's corner apart", "mm"),
     "wire_length_mm": ("length of the wire line", "mm"),
     "wire_smoothing_mm": ("given wire points off the smooth wire line, at most", "mm"),
     "wire_drift_mm": ("wire edge of the cup off the smooth wire line, at most", "mm"),
@@ -64,6 +68,7 @@ def write_report(
     dimensions: Sequence[Dimension],
     sources: Mapping[str, str],
     files: Sequence[str],
+    band: tuple[Sequence[Piece], Deviation] | None = None,
     warnings: Sequence[str] = (),
     notes: Sequence[str] = (),
 ) -> None:
@@ -77,6 +82,7 @@ def write_report(
         points, distances: of the fit, cup frame, mm; positive outside the cup.
         sources: for each input what was given, or what was taken in its place.
         files: other results in the same folder, to link to.
+        band: sewing lines of the pieces and how uncertain each of their edges is, where that is known.
         warnings: of the fit; those of the pattern are shown with them.
         notes: what was found out about the scan, such as its unit.
     """
@@ -94,6 +100,7 @@ def write_report(
         _stage(limit, paper_gap(shape, list(papers))),
         "<h2>Pieces</h2>",
         _picture(pattern, name),
+        "" if band is None else _certainty(*band),
         '<div class="columns"><section><h2>Finished dimensions</h2>',
         _dimension_table(dimensions, pattern),
         "</section><section><h2>Fit</h2>",
@@ -221,14 +228,38 @@ def _picture(pattern: Pattern, name: str) -> str:
     return f'<img class="pieces" alt="pattern pieces" src="data:image/svg+xml;base64,{data}">'
 
 
+def _certainty(pieces: Sequence[Piece], deviation: Deviation) -> str:
+    largest = max(float(edge.max()) for pair in deviation for edge in pair)
+    return (
+        "<details open><summary>How certain the outlines are</summary>"
+        "<p>How far another scan of this breast would move the sewing lines: the band is one standard deviation to "
+        f"either side, at most {largest:.2f} mm, drawn {magnification(deviation)} times wider. "
+        "Wire, neckline and marks are taken as exact.</p>"
+        f"{band_svg(pieces, deviation)}</details>"
+    )
+
+
 def _dimension_table(dimensions: Sequence[Dimension], pattern: Pattern) -> str:
     lines, part = [], ""
     for d in dimensions:
         first = d.part if d.part != part else ""
         part = d.part
         value = pattern.options.length(d.value) if d.unit == "mm" else f"{d.value:.1f} cm²"
-        lines.append(f'<tr><th>{_text(first)}</th><td>{_text(d.name)}</td><td class="number">{value}</td></tr>')
-    return f"<table>{''.join(lines)}</table>"
+        doubt = "" if d.sd is None else _doubt(d, pattern)
+        cells = f'<td>{_text(d.name)}</td><td class="number">{value}</td><td class="number soft">{doubt}</td>'
+        lines.append(f"<tr><th>{_text(first)}</th>{cells}</tr>")
+    known = any(d.sd is not None for d in dimensions)
+    words = "±: one standard deviation, if the breast were scanned again; wire, neckline and marks are taken as exact."
+    note = f'<p class="soft">{words}</p>' if known else ""
+    return f"<table>{''.join(lines)}</table>{note}"
+
+
+def _doubt(d: Dimension, pattern: Pattern) -> str:
+    """Standard deviation of a dimension, with a digit more than its value."""
+    sd = d.sd or 0.0
+    if d.unit != "mm":
+        return f"± {sd:.2f} cm²"
+    return f"± {sd / 25.4:.3f}" if pattern.options.units == "inch" else f"± {sd:.2f}"
 
 
 def _pairs_table(pairs: Mapping[str, str]) -> str:

@@ -13,10 +13,10 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from brafit.errors import InputError
+from brafit.geometry.polyline import evenly_spaced
 from brafit.scan.clean import averaged, inliers, tidy
 from brafit.scan.crease import Wire, concavity, laid, trace
 from brafit.scan.crop import facing, neckline_over
-from brafit.scan.frame import evenly_spaced
 from brafit.scan.landmarks import SIDES, Landmarks, landmarks_path
 from brafit.scan.surface import Surface, settle
 from brafit.scan.symmetry import mirror_of

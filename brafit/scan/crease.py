@@ -15,8 +15,8 @@ from jaxtyping import Float
 from scipy import ndimage, optimize
 from scipy.spatial import KDTree
 
+from brafit.geometry.polyline import evenly_spaced
 from brafit.scan.fold import folds, rim, smoothed
-from brafit.scan.frame import evenly_spaced
 from brafit.scan.surface import Surface, settle
 
 SHAPE = np.array([

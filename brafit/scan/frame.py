@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from brafit.errors import InputError
+from brafit.geometry.polyline import evenly_spaced
 
 END_TOLERANCE = 5.0
 """How far (mm) a line's end may lie from the point where it should end."""
@@ -74,14 +75,6 @@ def frame_from_wire(
             f'The side is probably wrong: write "{other}", or list the wire from its inner to its outer end',
         )
     return frame
-
-
-def evenly_spaced(line: Float[np.ndarray, "k d"], count: int) -> Float[np.ndarray, "m d"]:
-    """Points at equal arc length along a polyline, so that it does not matter how densely each part was marked."""
-    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    arc = np.concatenate([[0.0], np.cumsum(steps)])
-    at = np.linspace(0.0, arc[-1], count)
-    return np.stack([np.interp(at, arc, column) for column in line.T], axis=1)
 
 
 def from_inner_end(

@@ -47,7 +47,7 @@ def test_defaults_pass_their_own_checks() -> None:
     config = composed()
     check(config)
     assert sources(config) == ["samples"]
-    assert (config.cup.panels, config.cup.terms, config.scan.points) == (2, 20, 2000)
+    assert (config.cup.panels, config.cup.terms, config.scan.points) == (2, 14, 2000)
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ EVERYTHING = Conditions(
     margin=0.9,
     margin_width=0.1,
     barrier=0.5,
-    smoothness=1e-3,
+    fairness=3e3,
 )
 NAMES = {
     "points",
@@ -54,7 +54,7 @@ NAMES = {
     "connection",
     "ridge at apex",
     "regularity",
-    "roughness",
+    "fairness",
     "ends",
     "twist",
 }
@@ -168,7 +168,7 @@ def test_missing_landmarks_cost_nothing_and_are_safe():
     for name in ("edge to neckline", "neckline to edge", "connection", "ridge at apex"):
         assert result.terms[name][0] == 0
         assert result.terms[name][1] > 0
-    for name in ("points", "regularity", "roughness", "ends", "twist"):
+    for name in ("points", "regularity", "fairness", "ends", "twist"):
         torch.testing.assert_close(result.terms[name][0], result.terms[name][1])
 
 

@@ -9,7 +9,8 @@ from lunes import lune_cup, sphere_points
 
 from brafit.fit import Target
 from brafit.fit.start import middles, start_curves
-from brafit.fit.targets import Targets, resample
+from brafit.fit.targets import Targets
+from brafit.geometry.polyline import evenly_spaced
 
 
 def target(count: int = 50, **given) -> Target:
@@ -62,10 +63,10 @@ def test_thinned_clouds_are_means_of_small_patches():
     assert whole.thinned(0).points.shape == (3, 0, 3)
 
 
-def test_resample_is_even_by_arc_length_and_keeps_the_ends():
+def test_even_spacing_is_even_by_arc_length_and_keeps_the_ends():
     a = np.linspace(0, np.pi, 200) ** 2 / np.pi
     line = np.stack((np.cos(a), np.sin(a), 0 * a), axis=1)
-    even = resample(line, 31)
+    even = evenly_spaced(line, 31)
     np.testing.assert_allclose(even[[0, -1]], line[[0, -1]], atol=1e-15)
     steps = np.linalg.norm(np.diff(even, axis=0), axis=1)
     np.testing.assert_allclose(steps, steps.mean(), rtol=1e-3)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from brafit.geometry.polyline import evenly_spaced
 from brafit.samples import sample_paths
 from brafit.scan import load_scan
 from brafit.scan.body import PROTRUDING, Body, apex_of
 from brafit.scan.crease import ABOVE, BODY_UP, laid, trace
 from brafit.scan.crop import facing, neckline_over
 from brafit.scan.fold import folds, rim
-from brafit.scan.frame import evenly_spaced
 from brafit.scan.surface import Surface, surface_of
 from brafit.scan.wires import wire_size
 

@@ -5,7 +5,8 @@ import pytest
 from breasts import RADIUS, cup_frame_landmarks, rotation
 
 from brafit.errors import InputError
-from brafit.scan.frame import evenly_spaced, frame_from_wire, from_inner_end
+from brafit.geometry.polyline import evenly_spaced
+from brafit.scan.frame import frame_from_wire, from_inner_end
 
 WIRE = cup_frame_landmarks()["wire"]
 APEX = cup_frame_landmarks()["landmarks"]["apex"]

@@ -1,0 +1,99 @@
+"""The corner of an upper edge: a term of the last panel's log ruling length, height * |x - place|, rounded off.
+
+x in [-1, 1] runs along the wire. The corner has two parameters, its height and its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from brafit.cup.condition import Gaps
+from brafit.cup.shape import CupShape
+from brafit.cup.wire import LENGTH
+
+CORNER_WIDTH = 0.03
+"""Rounding of the upper edge's corner, as a share of half the wire."""
+CORNER_FREE = 0.12
+"""Within about this share of half the wire of the corner the upper edge's fairness does not count."""
+CORNER_REACH = 0.8
+"""The corner stays within this share of half the wire from its middle."""
+
+
+def cornered(
+    logs: Sequence[Float[Tensor, "batch n"]], corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]
+) -> tuple[Tensor, ...]:
+    """A log length and its two derivatives by s with the corner's term."""
+    extra = corner_columns(corner, x)
+    return tuple(log + corner[:, :1] * columns[..., 0] for log, columns in zip(logs, extra, strict=True))
+
+
+def corner_columns(corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]) -> tuple[Tensor, Tensor, Tensor]:
+    """Derivatives of a log length and of its two derivatives by s by the corner's two parameters, in the last
+    dimension. The first are the corner's term at height 1.
+    """
+    height, place = corner[:, :1], corner[:, 1:]
+    away = x - place
+    square = (away * away + CORNER_WIDTH**2).reciprocal()
+    root = square.sqrt()
+    along, bend = away * root, CORNER_WIDTH**2 * square * root
+    value = torch.stack((1 / root, -height * along), dim=-1)
+    slope = torch.stack((along, -height * bend), dim=-1)
+    second = torch.stack((bend, 3 * height * bend * away * square), dim=-1)
+    return value, slope * (2 / LENGTH), second * (2 / LENGTH) ** 2
+
+
+def beside_corner(corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]) -> tuple[Tensor, Tensor]:
+    """How much each interval between nodes counts in the upper edge's fairness: hardly about the corner, which is no
+    bend; and the derivative by the corner's place.
+    """
+    away = 0.5 * (x[1:] + x[:-1]) - corner[:, 1:]
+    power = (away / CORNER_FREE) ** 4
+    share = power * (1 + power * power).rsqrt()
+    return share, -4 * away**3 / CORNER_FREE**4 * (1 + power * power).pow(-1.5)
+
+
+def corner_gap(
+    corner: Float[Tensor, "batch 2"],
+    shape: CupShape,
+    points: Float[Tensor, "batch 3"],
+    x: Float[Tensor, " n"],
+    analysis: Float[Tensor, "n n"],
+) -> Gaps:
+    """From points to the upper edge's corner.
+
+    There the upper edge is the lower one plus a ruling. Without the corner's factor exp(height r) rulings vary
+    smoothly, so that they are interpolated between the nodes x.
+
+    Args:
+        shape: the cups at the nodes.
+        analysis: values at the nodes -> Chebyshev coefficients.
+    """
+    n, last = len(x), shape.panels
+    height, place = corner[:, :1], corner[:, 1:].clamp(-CORNER_REACH, CORNER_REACH)
+    turn = torch.arccos(place)
+    order = torch.arange(n, dtype=place.dtype, device=place.device)
+    cardinal = torch.cos(order * turn) @ analysis
+    slope = (order * torch.sin(order * turn) / torch.sin(turn)) @ analysis
+    away = x - place
+    r = (away * away + CORNER_WIDTH**2).sqrt()
+    factor = torch.exp(height * (CORNER_WIDTH - r))
+    weight = torch.cat((cardinal * (1 - factor), cardinal * factor), dim=-1)[:, None]
+    own = shape.edges[:, -2:].flatten(1, 2)
+    vectors = (weight @ own)[:, 0] - points
+    with torch.no_grad():
+        rulings = shape.edges[:, -1] - shape.edges[:, -2]
+        by_height = (cardinal * factor * (CORNER_WIDTH - r))[:, None] @ rulings
+        along = slope * factor + cardinal * factor * height * away / r
+        by_place = slope[:, None] @ shape.edges[:, -2] + along[:, None] @ rulings
+        rows = torch.arange((last - 1) * n, (last + 1) * n, device=place.device)
+    return Gaps(
+        vectors=vectors[:, None],
+        index=rows.expand(len(corner), 1, -1),
+        weight=weight,
+        sliding=torch.zeros_like(vectors[:, None]),
+        own=torch.stack((by_height, by_place), dim=-1),
+    )

@@ -1,0 +1,55 @@
+"""A picture of how certain the outlines of the pieces are: a band of a standard deviation to either side, magnified."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from brafit.pattern.piece import Piece, layout
+
+SHOWN = 4.0
+"""Half width (mm) that the widest place of the band is to have in the picture, at most."""
+_STEPS = (1, 2, 5, 10, 20, 50, 100)
+_MARGIN = 8.0
+
+Deviation = Sequence[tuple[Float[ndarray, " n"], Float[ndarray, " n"]]]
+"""From `brafit.fit.certainty.outline_deviation`: of the lower and the upper edge of each piece."""
+
+
+def magnification(deviation: Deviation) -> int:
+    """How many times the band is magnified."""
+    widest = max(float(edge.max()) for pair in deviation for edge in pair)
+    return max((step for step in _STEPS if step * widest <= SHOWN), default=1)
+
+
+def band_svg(pieces: Sequence[Piece], deviation: Deviation) -> str:
+    """The pieces' outlines, in mm, each with its band."""
+    factor = magnification(deviation)
+    sheet = layout(pieces, gap=14.0)
+    parts = []
+    for piece, spread in zip(sheet.pieces, deviation, strict=True):
+        # the second edge runs back along the upper edge
+        for edge, own in zip(piece.edges, (spread[0], spread[1][::-1]), strict=True):
+            parts.append(f'<path d="{_band(edge.points, factor * own)}" fill="#f4b183" fill-opacity="0.75"/>')
+        outline = _path(piece.outline) + "Z"
+        parts.append(f'<path d="{outline}" fill="none" stroke="#222" stroke-width="0.4"/>')
+    width, height = sheet.width + 2 * _MARGIN, sheet.height + 2 * _MARGIN
+    flip = f"translate({_MARGIN},{height - _MARGIN}) scale(1,-1)"  # y runs down in SVG
+    return (
+        f'<svg class="pieces" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.1f} {height:.1f}">'
+        f'<g transform="{flip}">{"".join(parts)}</g></svg>'
+    )
+
+
+def _band(line: Float[ndarray, "n 2"], half: Float[ndarray, " n"]) -> str:
+    tangent = np.gradient(line, axis=0)
+    normal = tangent[:, ::-1] * (-1.0, 1.0) / np.maximum(np.linalg.norm(tangent, axis=1), 1e-12)[:, None]
+    across = half[:, None] * normal
+    return _path(np.concatenate([line + across, (line - across)[::-1]])) + "Z"
+
+
+def _path(points: Float[ndarray, "n 2"]) -> str:
+    return "M" + "L".join(f"{x:.2f},{y:.2f}" for x, y in points)
