@@ -26,7 +26,7 @@ from typing import Protocol
 
 import numpy as np
 import torch
-from check_scans import patterns_apart, simulated, target_of
+from check_scans import patterns_apart, simulated, target_of, wanted_parts
 from hydra import compose, initialize_config_module
 from hydra.utils import instantiate
 from tqdm import tqdm
@@ -264,7 +264,7 @@ class Repeat:
             spread=deviations([edge_lengths(fit) for fit in fits]),
             edges=bends[0],
             radius=min(bend.radius for bend in bends),
-            upper_edge=max(fit.figures.get("upper_edge_mm", np.nan) for fit in fits),
+            upper_edge=max(fit.figures["upper_edge_mm"] for fit in fits),
             margin=min(fit.figures["regularity_min"] for fit in fits),
             unsettled=sum(fit.code is not ResultCode.CONVERGED for fit in fits),
         )
@@ -382,14 +382,14 @@ def _print_deviations(fits: Sequence[CupFit]) -> list[float]:
 def predicted_deviations(fit: CupFit) -> dict[str, float]:
     """The standard deviation that a fit predicts of each dimension; empty if it predicts none."""
     best = dimensions(fit)
-    others = [dimensions(other) for other in getattr(fit, "alternatives", ())]
+    others = [dimensions(other) for other in fit.alternatives]
     if not others:
         return {}
     return {name: float(np.linalg.norm([row[name] - value for row in others])) for name, value in best.items()}
 
 
 def _predicted_outline(fits: Sequence[CupFit]) -> float:
-    values = np.array([fit.figures.get("outline_sd_mm", np.nan) for fit in fits])
+    values = np.array([fit.figures["outline_sd_mm"] for fit in fits])
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else np.nan
 
@@ -457,9 +457,7 @@ def main() -> None:
         "--breasts", default="anny_01,anny_04,anny_09,vhf_skin", help="deviation: breasts, with commas, or all"
     )
     given = parser.parse_args()
-    wanted = given.only.split(",")
-    if unknown := [name for name in wanted if name not in PARTS]:
-        parser.error(f"--only: {', '.join(unknown)} is none of {', '.join(PARTS)}")
+    wanted = wanted_parts(parser, given.only, PARTS)
     if given.rescans < 2:
         parser.error("--rescans: at least 2, the first is what the others are compared with")
     try:

@@ -25,7 +25,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -464,16 +464,21 @@ PARTS: dict[str, Callable[[Path, Path], None]] = {
 }
 
 
+def wanted_parts(parser: argparse.ArgumentParser, only: str, parts: Collection[str]) -> list[str]:
+    """The names in --only; an unknown one ends the program."""
+    wanted = only.split(",")
+    if unknown := [name for name in wanted if name not in parts]:
+        parser.error(f"--only: {', '.join(unknown)} is none of {', '.join(parts)}")
+    return wanted
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("folder", type=Path, help="folder with breasts/, scans/ and torsos/")
     parser.add_argument("--only", default=",".join(PARTS), help="parts, with commas")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    wanted = options.only.split(",")
-    if unknown := [name for name in wanted if name not in PARTS]:
-        parser.error(f"--only: {', '.join(unknown)} is none of {', '.join(PARTS)}")
-    for name in wanted:
+    for name in wanted_parts(parser, options.only, PARTS):
         PARTS[name](options.folder, Path(__file__).resolve().parents[1])
 
 

@@ -32,6 +32,7 @@ from brafit.geometry.strip import (
     Nodes,
     Rates,
     Strip,
+    UpperTurn,
     apply,
     apply_row,
     next_rates,
@@ -134,8 +135,8 @@ class StripsCup(Cup):
     def place_corner(
         self, flat: Float[Tensor, "batch size"], points: Float[Tensor, "batch 3"], given: Bool[Tensor, " batch"]
     ) -> Float[Tensor, "batch size"]:
-        """The parameters with the corner moved to the ruling whose upper end is nearest to a point, where one is
-        given.
+        """The parameters with a corner that is still flat moved to the ruling whose upper end is nearest to a point,
+        where one is given.
         """
         shape, s = self.sketch(flat), self.grid.s
         segment, share = nearest_on_curve(points[:, None], shape.edges[:, -1], shape.tangents[:, -1], s)
@@ -291,7 +292,8 @@ class StripsCup(Cup):
 
             d_xi = pad(bending, (0, own)).addcmul_(omega_eta, d_phi)
             d_spin = pad(torch.addcmul(d_k1 * cosine, d_k2, sine), (0, own)).addcmul_(omega_xi, d_phi, value=-1)
-            edge_below, edge_above = self._variations(panel, flat[:, -2:], i)
+            turn = upper_turn(scalars, panel.t_slope, panel.t_second, grid.derivative)
+            edge_below, edge_above = self._variations(panel, turn, flat[:, -2:], i)
             unfair += [edge_below.residual, edge_above.residual]
             unfair_columns[:, 2 * i, :, :size] = edge_below.columns(d_spin, pad(d_speed, (0, own)))
             d_spin[..., rib] += own_alpha_slope
@@ -308,7 +310,6 @@ class StripsCup(Cup):
             margin_columns[:, i, :, :size] = torch.addcmul(d_q, margin, d_open, value=-1) / opening
 
             # how the upper edge turns in the panel: d (spin - beta')
-            turn = upper_turn(scalars, panel.t_slope, panel.t_second, grid.derivative)
             p_slope, q_slope, spin_slope, beta_slope = (v[..., None] for v in (turn.p, turn.q, turn.spin, turn.beta))
             d_back = pad(d_speed * rib_sine, (0, own))
             d_back[..., rib] += speed * rib_cosine * own_alpha
@@ -377,16 +378,16 @@ class StripsCup(Cup):
     def unfairness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
         edges = []
         for i, panel in enumerate(self._march(flat, self.grid)):
-            edges += [edge.residual for edge in self._variations(panel, flat[:, -2:], i)]
+            turn = upper_turn(panel.strip, panel.t_slope, panel.t_second, self.grid.derivative)
+            edges += [edge.residual for edge in self._variations(panel, turn, flat[:, -2:], i)]
         return torch.cat(edges, dim=-1)
 
     def _variations(
-        self, panel: "_Panel", corner: Float[Tensor, "batch 2"], number: int
+        self, panel: "_Panel", turn: UpperTurn, corner: Float[Tensor, "batch 2"], number: int
     ) -> tuple[Variation, Variation]:
         """How the curvature of a flat panel's lower and upper edge varies, the upper edge's corner apart."""
         scalars, grid = panel.strip, self.grid
         steps = grid.s.diff()
-        turn = upper_turn(scalars, panel.t_slope, panel.t_second, grid.derivative)
         share = beside_corner(corner, grid.x)[0] if number == self.panels - 1 else 1.0
         return (
             Variation(scalars.omega_eta, scalars.speed, steps),

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
+from brafit.geometry.polyline import evenly_spaced
 from brafit.scan.surface import Surface, links, nearest_source
 
 COLLAR = 14.0
@@ -118,12 +119,7 @@ def _section(surface: Surface, a: np.ndarray, b: np.ndarray, front: np.ndarray, 
             heights[i] = np.median(at_ray)
     known = np.isfinite(heights)
     heights = np.interp(places, places[known], heights[known])
-    return _resampled(a + places[:, None] * chord + heights[:, None] * up, count)
-
-
-def _resampled(line: np.ndarray, count: int) -> np.ndarray:
-    arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
-    return np.stack([np.interp(np.linspace(0, arc[-1], count), arc, column) for column in line.T], axis=1)
+    return evenly_spaced(a + places[:, None] * chord + heights[:, None] * up, count)
 
 
 def _anticlockwise(curve: np.ndarray, surface: Surface) -> np.ndarray:
