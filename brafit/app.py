@@ -7,29 +7,34 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shlex
 import shutil
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import JobReturn, JobStatus
-from hydra.errors import InstantiationException
 from hydra.experimental.callback import Callback
 from hydra.utils import instantiate
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
 from brafit import __version__
 from brafit.atomic import write_text
-from brafit.config import check, explain, register, sources
+from brafit.config import check, explain, from_settings, register, sources
 from brafit.errors import BrafitError, ConfigError
+from brafit.run.job import REDO
+from brafit.run.recipe import recipe_from_settings
+from brafit.run.store import differences, relevant
+from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
 
 if TYPE_CHECKING:
-    from brafit.pipeline import Job, Row
+    from brafit.run.job import Job, Row
 
 ALL_OK, SOME_FAILED, NOTHING_RAN, INTERRUPTED = 0, 1, 2, 130
 _STATUSES = "BRAFIT_STATUSES"
@@ -52,7 +57,15 @@ class Statuses(Callback):
         _note(_status_of(job_return))
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
+        """Refuse a bad value before the first job runs; jobs' folders are named by what is swept."""
         _note(NOTHING_RAN)
+        arguments = list(config.hydra.overrides.task)
+        swept, fixed = parted(arguments)
+        for settings in combinations(swept, fixed):
+            recipe_from_settings(plain_settings(from_settings(settings)), {})
+        excluded = ",".join(key for key in fixed)
+        with read_write(config), open_dict(config):
+            config.hydra.overrides.hydra.append(f"hydra.job.config.override_dirname.exclude_keys=[{excluded}]")
         folder = Path(config.hydra.sweep.dir).absolute() / ".statuses"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
@@ -60,15 +73,22 @@ class Statuses(Callback):
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
         if _STATUSES in os.environ:
-            Path(os.environ[_STATUSES], str(config.hydra.job.num)).write_text(str(_status_of(job_return)))
+            fixed = set(config.hydra.job.config.override_dirname.exclude_keys)
+            own = (text.partition("=") for text in config.hydra.overrides.task)
+            overrides = {key: value for key, _, value in own if key not in fixed}
+            job = SweepJob(Path(config.hydra.runtime.output_dir).name, overrides, _status_of(job_return))
+            write_status(Path(os.environ[_STATUSES]), config.hydra.job.num, job)
 
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
         folder = Path(os.environ.pop(_STATUSES))
-        found = [int(file.read_text()) for file in folder.iterdir()]
+        jobs = read_statuses(folder)
         shutil.rmtree(folder)
-        if not found:
+        if not jobs:
             print("brafit: the sweep held no job; name the values: key=1,2,3", file=sys.stderr)
-        _note(max(found, default=NOTHING_RAN))
+        else:
+            gather(folder.parent, jobs)
+            print(f"{len(jobs)} jobs. Table over all: {config.hydra.sweep.dir}/sweep.csv, pages: index.html beside it")
+        _note(max((job.status for job in jobs), default=NOTHING_RAN))
 
 
 def _note(status: int | None) -> None:
@@ -112,10 +132,12 @@ def _hydra(config: DictConfig) -> int:
     out = Path(HydraConfig.get().runtime.output_dir)
     try:
         check(config)
-        from brafit.pipeline import run
+        settings = plain_settings(config)
+        refuse_other_settings(out, settings)
+        from brafit.run import run
 
         write_text(out / "config.yaml", _settings_file(config))
-        return exit_status(run(job_of(config, out), say=print))
+        return exit_status(run(job_of(settings, _choices(), out), say=print))
     except BrafitError as error:
         print(f"brafit: {error}", file=sys.stderr)
     except Exception as error:
@@ -132,42 +154,76 @@ def exit_status(rows: Sequence[Row]) -> int:
     return SOME_FAILED if any(row.get("iterations") is not None for row in rows) else NOTHING_RAN
 
 
-def job_of(config: DictConfig, out: Path) -> Job:
-    """The pipeline's job for a composed configuration whose results go to `out`.
-
-    Raises:
-        ConfigError: a group's settings are not what its `_target_` takes.
-    """
-    import torch
-
-    from brafit.pipeline import Job
-
+def plain_settings(config: DictConfig) -> dict[str, Any]:
+    """A composed configuration as plain values."""
     settings = OmegaConf.to_container(config, resolve=True)
     assert isinstance(settings, dict)
+    return {str(key): value for key, value in settings.items()} | {"scans": sources(config)}
+
+
+def _choices() -> dict[str, Any]:
+    """Which choice of each group this job has."""
+    return dict(HydraConfig.get().runtime.choices)
+
+
+def job_of(settings: Mapping[str, Any], choices: Mapping[str, Any], out: Path) -> Job:
+    """The job of composed settings, whose results go to `out`."""
+    from brafit.run.job import Job
+
+    sinks = [instantiate(sink) for sink in settings["sinks"].values() if sink is not None]
+    names = {group: choices.get(group) for group in ("cup", "solver")}
     return Job(
-        scans=sources(config),
         out=out,
-        cup=_build(config, "cup"),
-        solver=_build(config, "solver"),
-        condition=_build(config, "condition"),
-        pattern=_build(config, "pattern"),
-        names=dict(HydraConfig.get().runtime.choices) if HydraConfig.initialized() else {},
-        scan={str(key): value for key, value in settings["scan"].items()},
-        restarts=config.restarts,
-        batch=config.batch,
-        device=config.device,
-        dtype=getattr(torch, config.dtype),
-        threads=config.threads,
-        settings={str(key): value for key, value in settings.items()},
+        recipe=partial(recipe_from_settings, settings, names),
+        scans=settings["scans"],
+        side=settings["scan"]["side"],
+        manifest=settings["dataset"]["manifest"],
+        shard=settings["dataset"]["shard"],
+        sinks=sinks,
+        batch=settings["batch"],
+        workers=settings["threads"] or cores(),
+        one_fit=settings["device"] != "cpu",
+        read_patience=settings["scan"]["read_seconds"],
+        patience=settings["patience"],
+        resume=settings["resume"],
+        needs=_needs(settings),
     )
 
 
-def _build(config: DictConfig, group: str) -> Any:
+def cores() -> int:
+    """Processor cores that this process may use, or as many as OMP_NUM_THREADS says."""
+    said = os.environ.get("OMP_NUM_THREADS", "")
+    if said.isdecimal() and int(said) > 0:
+        return int(said)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _needs(settings: Mapping[str, Any]) -> list[str]:
+    """Modules that these settings will need in every worker."""
+    formats = {"dxf": "ezdxf", "pdf": "reportlab.pdfgen.canvas"}
+    return ["open3d", *(formats[key] for key in settings["pattern"]["formats"] if key in formats)]
+
+
+def refuse_other_settings(out: Path, settings: Mapping[str, Any]) -> None:
+    """Keep results of different settings out of one folder.
+
+    Raises:
+        ConfigError: `out` holds results of other settings, and `resume` is not `redo`; names what is different.
+    """
+    file = out / "config.yaml"
+    if settings["resume"] == REDO or not file.is_file() or not any(out.glob("*/fit.json")):
+        return
     try:
-        return instantiate(config[group])
-    except InstantiationException as error:
-        said = " ".join(str(error.__cause__ or error).split())
-        raise ConfigError(said if said.startswith(f"{group}.") else f"{group}: {said}") from error
+        old = OmegaConf.to_container(OmegaConf.load(file))
+    except Exception as error:
+        raise ConfigError(f"{file} cannot be read ({error}); take another out, or resume=redo to start over") from None
+    assert isinstance(old, dict)
+    version = re.match(r"# brafit (\S+),", file.read_text(encoding="utf-8"))
+    before = relevant({str(key): value for key, value in old.items()}) | {"brafit": version[1] if version else "?"}
+    if found := differences(before, relevant(settings)):
+        shown = "; ".join(found[:5]) + (f"; and {len(found) - 5} more" if len(found) > 5 else "")
+        remedy = "take another out, or resume=redo to start over"
+        raise ConfigError(f"out={out} holds results of other settings ({shown}): {remedy}")
 
 
 def _settings_file(config: DictConfig) -> str:

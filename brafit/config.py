@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
 from importlib import resources
 from typing import Any
 
 from hydra import compose, initialize_config_module
 from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.singleton import Singleton
 from hydra.errors import OverrideParseException
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 
@@ -195,16 +198,90 @@ class PatternConfig:
 
 
 @dataclass
+class DatasetConfig:
+    """dataset=default"""
+
+    manifest: str | None = MISSING
+    shard: str | None = MISSING
+
+
+@dataclass
+class TableConfig:
+    """sinks.table"""
+
+    _target_: str = MISSING
+    parquet: bool = MISSING
+
+
+@dataclass
+class IndexConfig:
+    """sinks.index"""
+
+    _target_: str = MISSING
+    wanted: bool = MISSING
+
+
+@dataclass
+class BoardConfig:
+    """sinks.tensorboard"""
+
+    _target_: str = MISSING
+    scans: int = limited(0, 10_000)
+    batches: int = limited(0, 1000)
+
+
+@dataclass
+class ProgressConfig:
+    """sinks.progress"""
+
+    _target_: str = MISSING
+    seconds: float = limited(0.1)
+    details: int = limited(0)
+
+
+@dataclass
+class NestConfig:
+    """sinks.nest"""
+
+    _target_: str = MISSING
+    wanted: bool = MISSING
+    formats: list[str] = field(default_factory=list)
+
+
+@dataclass
+class ErrorsConfig:
+    """sinks.errors"""
+
+    _target_: str = MISSING
+
+
+@dataclass
+class SinksConfig:
+    """sinks=default"""
+
+    table: TableConfig | None = field(default_factory=TableConfig)
+    index: IndexConfig | None = field(default_factory=IndexConfig)
+    tensorboard: BoardConfig | None = field(default_factory=BoardConfig)
+    progress: ProgressConfig | None = field(default_factory=ProgressConfig)
+    nest: NestConfig | None = field(default_factory=NestConfig)
+    errors: ErrorsConfig | None = field(default_factory=ErrorsConfig)
+
+
+@dataclass
 class Config:
     """All settings of a run. The groups cup, solver, condition and pattern hold whatever their `_target_` takes."""
 
     scans: Any = MISSING
     out: str = MISSING
+    resume: str = one_of("keep", "redo")
+    patience: float = limited(1)
     restarts: int = limited(1, 1000)
     batch: int = limited(1)
     device: str = MISSING
     dtype: str = one_of("float64", "float32")
     threads: int | None = limited(1)
+    dataset: DatasetConfig = field(default_factory=DatasetConfig)
+    sinks: SinksConfig = field(default_factory=SinksConfig)
     scan: ScanConfig = field(default_factory=ScanConfig)
     cup: Any = MISSING
     solver: Any = MISSING
@@ -212,8 +289,24 @@ class Config:
     pattern: Any = MISSING
 
 
+LONGEST = 150
+"""Letters of a job's folder at most."""
+
+
+def job_folder(overrides: str, number: int) -> str:
+    """A folder's name for a job's own overrides (`cup.panels=2,cup.terms=8`); its number if there are none.
+
+    What a name cannot hold becomes an underscore; long names are cut, and end with the number.
+    """
+    name = "".join(c if c.isalnum() or c in "=.,-+[]" else "_" for c in overrides).strip(".")
+    if not name:
+        return str(number)
+    return name if len(name) <= LONGEST else f"{name[:LONGEST]}_{number}"
+
+
 def register() -> None:
     """Make the schema known to Hydra, under the names that the defaults lists in conf/ use."""
+    OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
     store = ConfigStore.instance()
     store.store(name="config_schema", node=Config)
     for group, name, node in (
@@ -225,8 +318,23 @@ def register() -> None:
         ("condition", "condition_schema", ConditionConfig),
         ("scan", "scan_schema", ScanConfig),
         ("pattern", "pattern_schema", PatternConfig),
+        ("dataset", "dataset_schema", DatasetConfig),
+        ("sinks", "sinks_schema", SinksConfig),
     ):
         store.store(group=group, name=name, node=node)
+
+
+@contextmanager
+def _own_hydra() -> Iterator[None]:
+    """Our settings within the block, whatever application of Hydra this is called in."""
+    state = Singleton.get_state()
+    GlobalHydra.instance().clear()
+    try:
+        register()
+        with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
+            yield
+    finally:
+        Singleton.set_state(state)
 
 
 def from_settings(settings: Sequence[str]) -> DictConfig:
@@ -235,14 +343,19 @@ def from_settings(settings: Sequence[str]) -> DictConfig:
     Raises:
         ConfigError: names the key, what came and what is allowed.
     """
-    register()
     try:
-        with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
+        with _own_hydra():
             config = compose("config", overrides=list(settings))
     except Exception as error:
         raise ConfigError(explain(error, list(settings))) from error
     check(config)
     return config
+
+
+def choices_of(settings: Sequence[str]) -> dict[str, Any]:
+    """Which choice of each group these settings make."""
+    with _own_hydra():
+        return dict(compose("config", overrides=list(settings), return_hydra_config=True).hydra.runtime.choices)
 
 
 def check(config: DictConfig) -> None:
@@ -267,6 +380,38 @@ def sources(config: DictConfig) -> list[str]:
     if not values or not all(isinstance(item, str) and item for item in values):
         raise ConfigError(f"scans={value}: must be a file, a folder, a glob, or a list of these: scans=[A,B]")
     return values
+
+
+def is_setting(key: str) -> bool:
+    """Whether a name can only be that of a setting: it has a dot, or is a group's or a plain setting's."""
+    return "." in key or key in {item.name for item in fields(Config)}
+
+
+def varied(
+    settings: Mapping[str, Any], names: Mapping[str, Any], overrides: Sequence[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Settings and the names of their groups' choices, changed by some of the form `key=value`.
+
+    A choice of a group (`cup=frames`) brings that group's own defaults.
+
+    Raises:
+        ConfigError: names the key, what came and what is allowed.
+    """
+    groups = {text.partition("=")[0]: text.partition("=")[2] for text in overrides}
+    chosen = {key: value for key, value in groups.items() if key in names}
+    base = from_settings([f"{key}={value}" for key, value in {**names, **chosen}.items() if value])
+    given = {key: value for key, value in settings.items() if key not in chosen}
+    plain = [text for text in overrides if text.partition("=")[0] not in chosen]
+    try:
+        changed = OmegaConf.merge(base, given)
+        changed.merge_with_dotlist(plain)
+    except Exception as error:
+        raise ConfigError(explain(error, list(overrides))) from error
+    assert isinstance(changed, DictConfig)
+    check(changed)
+    content = OmegaConf.to_container(changed, resolve=True)
+    assert isinstance(content, dict)
+    return {str(key): value for key, value in content.items()}, {**names, **chosen}
 
 
 def check_device(name: str) -> None:
@@ -354,5 +499,5 @@ def _choices_only(overrides: list[str]) -> DictConfig:
     """The configuration of the command line's choices of groups, without its values."""
     folder = resources.files("brafit.conf")
     chosen = [text for text in overrides if "=" in text and folder.joinpath(text.split("=")[0]).is_dir()]
-    with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
+    with _own_hydra():
         return compose("config", overrides=chosen)

@@ -21,6 +21,9 @@ class InputError(BrafitError):
         line = f"{self.file}: {cause.rstrip('.')}. {remedy.rstrip('.')}."
         super().__init__(" ".join(line.split()))
 
+    def __reduce__(self) -> tuple:
+        return InputError, (self.file, self.cause, self.remedy)
+
 
 class ConfigError(BrafitError):
     """A setting that cannot be used: names the key, what came and what is allowed."""

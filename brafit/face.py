@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,10 +44,11 @@ def fit(
         InputError: arrays that are no points, or a wire that is no bow.
         ConfigError: a setting that does not exist or is out of its range.
     """
-    from brafit.app import job_of
-    from brafit.config import from_settings
+    from brafit.app import plain_settings
+    from brafit.config import choices_of, from_settings
     from brafit.fit import ResultCode, Target
     from brafit.result import Result
+    from brafit.run.recipe import recipe_from_settings
     from brafit.scan.frame import frame_from_wire
 
     cloud, line = _points("points", points, 1), _points("wire", wire, 4)
@@ -56,7 +56,7 @@ def fit(
     marks = {key: None if m is None else _mark(key, m) for key, m in (("strap_point", strap_point), ("apex", apex))}
     if side not in ("left", "right"):
         raise InputError("side", f"{side!r} is neither 'left' nor 'right'", "Name the wearer's side")
-    job = job_of(from_settings([*settings, "out=unused"]), Path())
+    recipe = recipe_from_settings(plain_settings(from_settings([*settings, "out=unused"])), choices_of(settings))
     front = np.median(cloud, axis=0) if marks["apex"] is None else marks["apex"]
     frame = frame_from_wire(line, side, front, "wire")
     target = Target(
@@ -66,15 +66,14 @@ def fit(
         neckline=None if upper is None else frame.to_cup(upper),
         **{key: None if mark is None else frame.to_cup(mark) for key, mark in marks.items()},
     )
-    (found,) = job.fit([target], callback)
+    (found,) = recipe.fit([target], callback)
     if found.code is ResultCode.DIVERGED:
         raise InputError(name, found.reason, "Check that points and wire are in millimetres and in the same frame")
     given = {"points": f"given ({len(cloud)})", "wire": f"given ({len(line)} points)", "side": f"given ({side})"}
     given["neckline"] = "none given: only the points say where the cup ends" if upper is None else "given"
     given["strap point"] = "none given" if strap_point is None else "given"
     given["apex"] = "not given: the cup's point farthest from the chest" if apex is None else "given"
-    details = {key: job.names.get(key) for key in ("cup", "solver")}
-    return Result(found, target, "right" if side == "right" else "left", frame, job.pattern, given, details)
+    return Result(found, target, "right" if side == "right" else "left", frame, recipe.pattern, given, recipe.model)
 
 
 def _points(name: str, values: ArrayLike, least: int) -> np.ndarray:

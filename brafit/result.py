@@ -30,6 +30,7 @@ from brafit.report.mesh import (
     write_points_ply,
 )
 from brafit.report.paper import paper_gap, paper_panels
+from brafit.report.row import fitted_row
 from brafit.report.table import write_fit_json
 from brafit.scan import CupFrame
 
@@ -51,7 +52,7 @@ class Result:
         frame: leads from the cup frame to the frame of the points that were given.
         options: how patterns are finished and which files are written.
         sources: for each input, what was given and what was taken in its place.
-        details: what the figures do not say: cup model, solver and the like, by their keys in summary.csv.
+        model: cup, solver, panels and terms, by their keys in summary.csv.
     """
 
     fit: CupFit
@@ -60,7 +61,7 @@ class Result:
     frame: CupFrame
     options: PatternOptions = field(default_factory=PatternOptions)
     sources: Mapping[str, str] = field(default_factory=dict)
-    details: Mapping[str, Any] = field(default_factory=dict)
+    model: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -119,18 +120,9 @@ class Result:
 
     def row(self) -> dict[str, Any]:
         """This cup's row of summary.csv."""
-        return {
-            "scan": self.name,
-            "status": "ok",
-            "reason": self.fit.reason,
-            "side": self.side,
-            "panels": len(self.fit.panels),
-            "points": len(self.target.points),
-            **self.fit.figures,
-            "iterations": self.fit.iterations,
-            "seconds": self.fit.seconds,
-            **self.details,
-        }
+        neckline = self.target.neckline is not None
+        row = fitted_row(self.fit, self.side, len(self.target.points), self.model, neckline)
+        return row | {"warning_count": len(self.fit.warnings) + len(self.patterns().warnings)}
 
     def save(self, folder: str | Path, extra: Mapping[str, Any] | None = None) -> list[Path]:
         """Write fit.json, the patterns, meshes and pages that the options ask for.
@@ -165,13 +157,36 @@ class Result:
                 "dimensions": [[d.part, d.name, d.value, d.unit, d.sd] for d in self.dimensions()],
             },
             "sources": self.sources,
+            "files": [file.name for file in written],
         }
         path = folder / "fit.json"
         write_fit_json(path, self.row(), details | dict(extra or {}))
         return [*written, path]
 
+    def pictures(self) -> dict[str, bytes]:
+        """PNG files of the patterns and of cup and cloud."""
+        import io
+
+        from PIL import Image
+
+        from brafit.report.figures import figure_image, fit_figure, pattern_figure
+
+        figures = {
+            "patterns": pattern_figure(self.patterns(), self.name),
+            "fit": fit_figure(self.target.points, self.fit.distances, self.shape, self.name, self.side),
+        }
+        files = {}
+        for name, figure in figures.items():
+            content = io.BytesIO()
+            Image.fromarray(figure_image(figure)).save(content, "png")
+            files[name] = content.getvalue()
+        return files
+
+    def mesh_view(self) -> tuple[ndarray, ndarray, ndarray] | None:
+        return None
+
     def _write_patterns(self, folder: Path) -> list[Path]:
-        model = ", ".join(str(self.details[key]) for key in ("cup",) if self.details.get(key))
+        model = ", ".join(str(self.model[key]) for key in ("cup",) if self.model.get(key))
         count = f"{len(self.pieces)} panel{'s' * (len(self.pieces) > 1)}"
         note = ", ".join(words for words in (f"{self.side} cup", model, count) if words)
         return write_patterns(folder, [self.patterns()], self.name, note, self.options.formats)

@@ -1,31 +1,26 @@
 """A batch on several processor cores: its scans are independent, so each core fits some of them.
 
-The first shard stays in this process, each other one goes to a process of its own, which is kept for the next batch.
-Threads would not do: the thousands of small operations of a fit hold the interpreter's lock in turn, and two threads
-are slower than one.
+Each shard goes to a process of its own; they are kept for the next batch. Threads would not do: the thousands of small
+operations of a fit hold the interpreter's lock in turn, and two threads are slower than one.
 """
 
 from __future__ import annotations
 
-import atexit
-import contextlib
 import itertools
-import os
 import pickle
-import subprocess
-import sys
-import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from dataclasses import replace
 from typing import TypeVar
 
 import torch
 
 from brafit.fit.solver import Callback, Step
+from brafit.processes import Lost, Pool, Raised, Returned, Told
 
 LEAST = 4
 """Items that are worth a process of their own."""
+PATIENCE = 3600.0
+"""Seconds that a shard may be silent."""
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -42,21 +37,28 @@ def in_shards(
     process (a local function) is done here, as is the share of a process that dies.
     """
     count = min(count, len(items) // LEAST)
-    jobs: list[bytes] = []
-    bounds = [round(k * len(items) / max(1, count)) for k in range(max(1, count) + 1)]
-    shards = [items[a:b] for a, b in itertools.pairwise(bounds)]
     if count > 1:
+        bounds = [round(k * len(items) / count) for k in range(count + 1)]
+        shards = [items[a:b] for a, b in itertools.pairwise(bounds)]
         try:
-            jobs = [pickle.dumps((work, shard)) for shard in shards[1:]]
+            jobs = [pickle.dumps((work, shard)) for shard in shards]
         except (pickle.PicklingError, AttributeError, TypeError):
             jobs = []
+        if jobs:
+            return _shared(work, shards, jobs, callback)
     # More threads inside an operation wait for each other thousands of times, ever longer on a busy machine.
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        return _shared(work, shards, jobs, callback) if jobs else work(items, callback)
+        return work(items, callback)
     finally:
         torch.set_num_threads(before)
+
+
+def do(job: bytes, tell: Callback) -> list:
+    """A shard's work, in its process."""
+    work, items = pickle.loads(job)
+    return work(items, tell)
 
 
 def _shared(
@@ -65,131 +67,66 @@ def _shared(
     jobs: Sequence[bytes],
     callback: Callback | None,
 ) -> list[Result]:
-    """The first shard done here, each other one by the process that gets its job."""
-    count = len(shards)
-    together = None if callback is None else _Together(callback, count)
-    tell = [None if together is None else partial(together.tell, k) for k in range(count)]
-    helpers = _POOL.take(len(jobs))
-
-    def elsewhere(k: int) -> list[Result]:
-        try:
-            results = helpers[k - 1].run(jobs[k - 1], tell[k])
-            return work(shards[k], tell[k]) if results is None else results
-        finally:
-            if together is not None:
-                together.end(k)
-
+    """Each shard done by a process."""
+    together = None if callback is None else _Together(callback, [len(shard) for shard in shards])
+    pool = _pool(len(shards))
+    results: list[list[Result] | None] = [None] * len(shards)
     try:
-        with ThreadPoolExecutor(len(jobs)) as pool:
-            others = [pool.submit(elsewhere, k) for k in range(1, count)]
-            results = work(shards[0], tell[0])
-            if together is not None:
-                together.end(0)
-            return results + [result for other in others for result in other.result()]
-    finally:
-        _POOL.give_back(helpers)
+        for k, job in enumerate(jobs):
+            pool.submit(k, "brafit.fit.shards:do", job, patience=PATIENCE)
+        while pool.free < pool.count:
+            for k, event in pool.events():
+                assert isinstance(k, int)
+                if isinstance(event, Raised):
+                    raise event.error
+                if isinstance(event, Told) and together is not None:
+                    together.tell(k, event.content)
+                if isinstance(event, Returned):
+                    results[k] = event.value
+                if isinstance(event, Returned | Lost) and together is not None:
+                    together.end(k)
+    except BaseException:
+        pool.close()  # nobody waits for the others any more
+        raise
+    return [
+        result
+        for shard, done in zip(shards, results, strict=True)
+        for result in (work(shard, None) if done is None else done)
+    ]
 
 
-def prepare(items: int, count: int) -> None:
-    """Start the processes that so many items in so many shards will need, so that they are ready when the fit is."""
-    _POOL.give_back(_POOL.take(max(0, min(count, items // LEAST) - 1)))
+_POOL: Pool | None = None
 
 
-class _Helper:
-    """A process that does jobs."""
-
-    def __init__(self):
-        environment = os.environ | {"OMP_NUM_THREADS": "1"}
-        command = [sys.executable, "-P", "-m", "brafit.fit.worker"]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._jobs, self._answers = self._process.stdin, self._process.stdout
-        self.idle = True
-
-    def run(self, job: bytes, tell: Callback | None) -> list | None:
-        """The results of a job; None if the process is gone.
-
-        Raises:
-            Exception: whatever the job raised.
-        """
-        self.idle = False
-        try:
-            self._jobs.write(job)
-            self._jobs.flush()
-            while True:
-                kind, content = pickle.load(self._answers)
-                if kind == "step":
-                    if tell is not None:
-                        tell(content)
-                    continue
-                self.idle = True
-                if kind == "error":
-                    raise content
-                return content
-        except (EOFError, BrokenPipeError, pickle.UnpicklingError):
-            return None
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._jobs, self._answers):
-            with contextlib.suppress(BrokenPipeError):
-                pipe.close()
-
-
-class _Pool:
-    """The helpers of this process that have nothing to do."""
-
-    def __init__(self):
-        self._idle: list[_Helper] = []
-        self._lock = threading.Lock()
-
-    def take(self, count: int) -> list[_Helper]:
-        with self._lock:
-            taken, self._idle = self._idle[:count], self._idle[count:]
-        return taken + [_Helper() for _ in range(count - len(taken))]
-
-    def give_back(self, helpers: Sequence[_Helper]) -> None:
-        """Those that are in the middle of something, because this process gave up waiting, are ended."""
-        for helper in helpers:
-            if not helper.idle:
-                helper.close()
-        with self._lock:
-            self._idle += [helper for helper in helpers if helper.idle]
-
-    def close(self) -> None:
-        with self._lock:
-            idle, self._idle = self._idle, []
-        for helper in idle:
-            helper.close()
-
-
-_POOL = _Pool()
-atexit.register(_POOL.close)
+def _pool(count: int) -> Pool:
+    """This process's pool, with so many processes."""
+    global _POOL
+    if _POOL is None or _POOL.count != count or _POOL.closed:
+        if _POOL is not None:
+            _POOL.close()
+        _POOL = Pool(count, ["brafit.fit"])
+    return _POOL
 
 
 class _Together:
     """Makes one report of the shards' own."""
 
-    def __init__(self, callback: Callback, count: int):
-        self._callback, self._lock = callback, threading.Lock()
-        self._last: list[Step | None] = [None] * count
-        self._running = [True] * count
+    def __init__(self, callback: Callback, sizes: Sequence[int]):
+        self._callback = callback
+        self._first = [0, *itertools.accumulate(sizes)]
+        self._last: list[Step | None] = [None] * len(sizes)
+        self._running = [True] * len(sizes)
         self._told = -1
 
     def tell(self, shard: int, step: Step) -> None:
         """Pass on what all shards last said, once the slowest has come further."""
-        with self._lock:
-            self._last[shard] = step
-            self._report()
+        self._last[shard] = replace(step, scans=step.scans + self._first[shard])
+        self._report()
 
     def end(self, shard: int) -> None:
         """The shard has no more to say."""
-        with self._lock:
-            self._running[shard] = False
-            self._report()
+        self._running[shard] = False
+        self._report()
 
     def _report(self) -> None:
         steps = [step for step in self._last if step is not None]
@@ -202,4 +139,5 @@ class _Together:
             return
         self._told = slowest.index
         terms = {k: torch.cat([step.terms[k] for step in steps if k in step.terms]) for k in slowest.terms}
-        self._callback(Step(slowest.stage, slowest.index, slowest.total, terms))
+        scans = torch.cat([step.scans for step in steps])
+        self._callback(Step(slowest.stage, slowest.index, slowest.total, terms, scans))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
+import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
@@ -21,12 +22,14 @@ class Step:
         stage: name of the stage.
         index, total: steps done and steps at most.
         terms: objective, losses and penalties of the problems still running.
+        scans: of each of these problems, its scan's position in the batch.
     """
 
     stage: str
     index: int
     total: int
     terms: dict[str, Float[Tensor, " active"]]
+    scans: Int[Tensor, " active"] = field(default_factory=lambda: torch.zeros(0, dtype=torch.long))
 
 
 Callback = Callable[[Step], None]

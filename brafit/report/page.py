@@ -6,18 +6,14 @@ import base64
 import json
 import math
 from collections.abc import Mapping, Sequence
-from html import escape
-from importlib import resources
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from brafit import __version__
 from brafit.atomic import write_text
 from brafit.cup.shape import CupShape
 from brafit.pattern.finish import Pattern
@@ -26,33 +22,18 @@ from brafit.pattern.svg import svg_bytes
 from brafit.report.band import Deviation, band_svg, magnification
 from brafit.report.colour import DIVERGING, PANELS, distance_colours, distance_limit
 from brafit.report.dimensions import Dimension
+from brafit.report.html import MEANINGS
+from brafit.report.html import asset as _asset
+from brafit.report.html import link as _link
+from brafit.report.html import number as _number
+from brafit.report.html import page as _page
+from brafit.report.html import short as _short
+from brafit.report.html import text as _text
 from brafit.report.paper import PaperPanel, paper_gap
 
 DOTS = 6000
 """Points of a cloud that the 3D view shows at most."""
 _STRIPS, _FOLDS = 6, 9
-
-MEANINGS: dict[str, tuple[str, str]] = {
-    "points": ("points of the fit", ""),
-    "rms_mm": ("distance of the points from the cup: root mean square", "mm"),
-    "mean_mm": ("mean", "mm"),
-    "p95_mm": ("95th percentile", "mm"),
-    "max_mm": ("largest", "mm"),
-    "upper_edge_mm": ("upper edge and neckline apart", "mm"),
-    "neckline_smoothing_mm": ("given neckline off the smooth one that the cup follows, at most", "mm"),
-    "outline_sd_mm": ("standard deviation of the sewing lines' place if the breast were scanned again, at most", "mm"),
-    "tightest_radius_mm": ("tightest bend of a flat edge (radius), the strap's corner apart", "mm"),
-    "wire_length_mm": ("length of the wire line", "mm"),
-    "wire_smoothing_mm": ("given wire points off the smooth wire line, at most", "mm"),
-    "wire_drift_mm": ("wire edge of the cup off the smooth wire line, at most", "mm"),
-    "twist_deg_max": ("twist along a ruling, at most (0: truly developable)", "degrees"),
-    "regularity_min": ("smallest regularity margin (above 0: rulings do not cross)", ""),
-    "isometry_mm": ("lengths in the cup and in the flat pattern differ by, at most", "mm"),
-    "seam_mismatch_mm": ("the two sides of a seam differ in length by, at most", "mm"),
-    "iterations": ("evaluations of the objective", ""),
-    "seconds": ("time of the fit", "s"),
-}
-"""Figures of a fit that the pages show: what they mean, and their unit."""
 
 
 def write_report(
@@ -114,68 +95,6 @@ def write_report(
         f"<script>{_asset('viewer.js')}</script>",
     ]
     write_text(path, _page(f"{name}: bra cup", "\n".join(body)))
-
-
-def write_index(
-    path: str | Path, rows: Sequence[Mapping[str, Any]], thumbnail: str = "thumbnail.png", report: str = "report.html"
-) -> None:
-    """Write the page over a run: a line a scan with its picture and warnings, sortable by any figure.
-
-    Args:
-        rows: of summary.csv.
-        thumbnail, report: names of the files in each scan's folder beside this page; the warnings are in its fit.json.
-    """
-    keys = [key for key in MEANINGS if any(row.get(key) is not None for row in rows)]
-    heads = ["cup", "scan", "status", "warnings", "side", *(key.removesuffix("_mm") for key in keys)]
-    about = ["", "", "", "of the fit and of the pieces; open them to read", ""]
-    titles = [*about, *(f"{MEANINGS[key][0]} {MEANINGS[key][1]}".strip() for key in keys)]
-    plain = len(about)
-    head = "".join(
-        f'<th class="{"number" if i >= plain else ""}" title="{_text(title)}">{_text(words.replace("_", " "))}</th>'
-        for i, (words, title) in enumerate(zip(heads, titles, strict=True))
-    )
-    warnings = [_told(Path(path).parent / str(row["scan"])) for row in rows]
-    lines = "\n".join(_index_line(row, told, keys, thumbnail, report) for row, told in zip(rows, warnings, strict=True))
-    good, warned = sum(row.get("status") == "ok" for row in rows), sum(bool(told) for told in warnings)
-    body = (
-        f"<h1>bra cups</h1><p>{good} of {len(rows)} scans ok, {warned} with warnings. "
-        "Lengths in mm, angles in degrees. Click a heading to sort, a scan for its report.</p>"
-        f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead>'
-        f"<tbody>\n{lines}\n</tbody></table></div>"
-        f"<script>{_asset('table.js')}</script>"
-    )
-    write_text(path, _page("bra cups", body, wide=True))
-
-
-def _told(folder: Path) -> list[str]:
-    """The warnings in a scan's fit.json, of the fit and of the pattern."""
-    file = folder / "fit.json"
-    if not file.is_file():
-        return []
-    content = json.loads(file.read_text(encoding="utf-8"))
-    return [*content.get("warnings", []), *content.get("pattern", {}).get("warnings", [])]
-
-
-def _index_line(row: Mapping[str, Any], told: Sequence[str], keys: Sequence[str], thumbnail: str, report: str) -> str:
-    name, good = str(row["scan"]), row.get("status") == "ok"
-    folder = quote(name, safe="")
-    picture = f'<a href="{folder}/{report}"><img src="{folder}/{thumbnail}" loading="lazy" alt=""></a>' if good else ""
-    title = f'<a href="{folder}/{report}">{_text(name)}</a>' if good else _text(name)
-    state = "ok" if good else f'<span class="failed">failed</span> <span class="soft">{_text(row.get("reason"))}</span>'
-    words = "".join(f"<li>{_text(line)}</li>" for line in told)
-    warned = f'<details><summary class="failed">{len(told)}</summary><ul>{words}</ul></details>' if told else "0"
-    cells = [
-        f'<td data-value="{_text(name)}">{picture}</td>',
-        f"<td>{title}</td>",
-        f'<td data-value="{"ok" if good else "failed"}">{state}</td>',
-        f'<td data-value="{len(told) if good else ""}">{warned if good else ""}</td>',
-        f"<td>{_text(row.get('side') or '')}</td>",
-    ]
-    for key in keys:
-        value = _number(row.get(key))
-        shown = "" if value is None else _text(_short(value))
-        cells.append(f'<td class="number" data-value="{"" if value is None else repr(value)}">{shown}</td>')
-    return f"<tr>{''.join(cells)}</tr>"
 
 
 def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension]) -> str:
@@ -321,38 +240,5 @@ def _data(
     return json.dumps(data, separators=(",", ":"))
 
 
-def _page(title: str, body: str, wide: bool = False) -> str:
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<meta name="generator" content="brafit {__version__}">\n<title>{_text(title)}</title>\n'
-        f"<style>\n{_asset('page.css')}</style>\n</head>\n<body{' class=wide' * wide}>\n{body}\n</body>\n</html>\n"
-    )
-
-
-def _asset(name: str) -> str:
-    return resources.files("brafit.report").joinpath(name).read_text(encoding="utf-8")
-
-
 def _packed(values: ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
-
-
-def _number(value: Any) -> float | None:
-    """A finite number, or None."""
-    if value is None or isinstance(value, str) or not math.isfinite(float(value)):
-        return None
-    return float(value)
-
-
-def _short(value: float) -> str:
-    """Four digits at most, and no powers of ten for what is as good as nothing."""
-    return "< 0.001" if 0 < abs(value) < 0.001 else f"{value:.4g}"
-
-
-def _text(words: Any) -> str:
-    return escape(str("" if words is None else words))
-
-
-def _link(file: str) -> str:
-    return escape(quote(file))

@@ -14,15 +14,18 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from brafit.atomic import write_text
+from brafit.atomic import replacing, write_text
 
 SUMMARY_KEYS: tuple[str, ...] = (
     "scan", "status", "reason", "side", "cup", "panels", "terms", "solver", "points",
     "rms_mm", "mean_mm", "p95_mm", "max_mm", "upper_edge_mm", "neckline_smoothing_mm",
     "outline_sd_mm", "tightest_radius_mm", "wire_length_mm", "wire_smoothing_mm", "wire_drift_mm",
-    "twist_deg_max", "regularity_min", "isometry_mm", "seam_mismatch_mm", "iterations", "seconds",
+    "twist_deg_max", "regularity_min", "isometry_mm", "seam_mismatch_mm", "iterations", "seconds", "warning_count",
 )  # fmt: skip
 """Keys of fit.json and columns of summary.csv, in this order."""
+WORDS = ("scan", "status", "reason", "side", "cup", "solver")
+COUNTS = ("panels", "terms", "points", "iterations", "warning_count")
+"""Which of them are texts, and which whole numbers."""
 
 # Column of the terminal's table: key, heading, format.
 _SHORT = (
@@ -55,12 +58,51 @@ def write_summary(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
     Raises:
         KeyError: a key of a row is not a column.
     """
+    write_text(path, "".join([_csv_line(SUMMARY_KEYS), *map(summary_line, rows)]))
+
+
+def summary_line(row: Mapping[str, Any]) -> str:
+    """A row as `write_summary` writes it, with its line end.
+
+    Raises:
+        KeyError: a key of the row is not a column.
+    """
+    return _csv_line([_cell(value) for value in _complete(row).values()])
+
+
+def write_table(path: str | Path, keys: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows of any keys as CSV, in the manner of `write_summary`."""
+    lines = [_csv_line([_cell(row.get(key)) for key in keys]) for row in rows]
+    write_text(path, "".join([_csv_line(keys), *lines]))
+
+
+def write_parquet(path: str | Path, rows: Sequence[Mapping[str, Any]], keys: Sequence[str] = SUMMARY_KEYS) -> None:
+    """Write all rows as Parquet, numbers with all their digits, null where there is none.
+
+    Args:
+        keys: columns; those that `summary.csv` has not are texts.
+    """
+    import pyarrow  # takes a third of a second
+    import pyarrow.parquet
+
+    plain = [{key: _plain(row.get(key)) for key in keys} for row in rows]
+    table = pyarrow.Table.from_pylist(plain, schema=pyarrow.schema([(key, _parquet_type(key)) for key in keys]))
+    with replacing(path) as temporary:
+        pyarrow.parquet.write_table(table, temporary)
+
+
+def _parquet_type(key: str) -> Any:
+    import pyarrow
+
+    if key in COUNTS:
+        return pyarrow.int64()
+    return pyarrow.string() if key not in SUMMARY_KEYS or key in WORDS else pyarrow.float64()
+
+
+def _csv_line(cells: Sequence[str]) -> str:
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(SUMMARY_KEYS)
-    for row in rows:
-        writer.writerow([_cell(value) for value in _complete(row).values()])
-    write_text(path, text.getvalue())
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue()
 
 
 def format_table(rows: Sequence[Mapping[str, Any]]) -> str:

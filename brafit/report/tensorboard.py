@@ -1,47 +1,51 @@
-"""A batch's course and results as TensorBoard events.
+"""A run's course and results as TensorBoard events, written by TensorBoard itself: PyTorch is not needed for it.
 
-One writer per batch and three tags per term, never one tag per scan and term: TensorBoard becomes slow beyond some ten
-thousand tags. Per scan there is one image of each kind and one 3D view, all at the end.
+Three tags per term and batch, never one per scan and term: TensorBoard becomes slow beyond some ten thousand tags. Of
+the scans that are watched there are two curves, pictures and a 3D view each.
 """
 
 from __future__ import annotations
 
+import json
+import struct
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from jaxtyping import Float
-from matplotlib.figure import Figure
-from numpy import ndarray
-from torch import Tensor
+from tensorboard.compat.proto import event_pb2, summary_pb2
+from tensorboard.plugins.custom_scalar import layout_pb2
+from tensorboard.plugins.custom_scalar import metadata as charts
+from tensorboard.plugins.mesh import metadata as meshes
+from tensorboard.plugins.mesh import plugin_data_pb2
+from tensorboard.plugins.text import metadata as texts
+from tensorboard.summary.writer.event_file_writer import EventFileWriter
+from tensorboard.util.tensor_util import make_tensor_proto
 
-from brafit.cup.shape import CupShape
-from brafit.fit.solver import Step
-from brafit.pattern.piece import Side
-from brafit.report.colour import PANELS, distance_colours, distance_limit
-from brafit.report.figures import figure_image
-from brafit.report.mesh import cup_mesh
+from brafit.report.course import FitStep
 
-QUANTILES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
 MOMENTS = 1000
 """Steps of a fit that are recorded at most, evenly over it (and the first of every stage)."""
-DOTS = 4000
-"""Points of a cloud that a 3D view shows at most."""
+_BAND = ("median", "p05", "p95")
+_SCENE = {"material": {"cls": "MeshStandardMaterial", "side": 2, "roughness": 1, "metalness": 0}}
+# The classes of messages are made at run time.
+_EVENTS: Any = event_pb2
+_SUMMARIES: Any = summary_pb2
+_CHARTS: Any = layout_pb2
+_PARTS: Any = plugin_data_pb2.MeshPluginData  # type: ignore[attr-defined]
 
 
 class Recorder:
-    """Writes one batch's events into a folder. A context manager; `close` may be called twice.
+    """Writes events into a folder. A context manager; `close` may be called twice.
 
-    Tags: `TERM/median`, `TERM/p05` and `TERM/p95` of every term over the problems still running (finite values only),
-    and a chart of that band per term under Custom Scalars; `stage`; images `SCAN/KIND`; meshes `SCAN/cup`.
+    Tags: `TERM/median`, `TERM/p05` and `TERM/p95` of every term over the problems of a batch that still run, and a
+    chart of that band per term under Custom Scalars; `SCAN/objective` and `SCAN/rms_mm` of scans that are watched;
+    `stage`; images `SCAN/KIND`; meshes `SCAN/cup`.
     """
 
     def __init__(self, folder: str | Path):
-        from torch.utils.tensorboard import SummaryWriter  # costs two seconds
-
-        self._writer = SummaryWriter(str(folder), max_queue=1000, flush_secs=10)
+        self._writer = EventFileWriter(str(folder), max_queue_size=1000, flush_secs=10)
         self._charted: list[str] = []
         self._stages: list[str] = []
         self._next = 0
@@ -52,59 +56,61 @@ class Recorder:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def step(self, step: Step) -> None:
-        """Record a step's terms; pass this method as (part of) the callback of `brafit.fit.fit_targets`."""
+    def step(self, step: FitStep) -> None:
+        """Record a step of a batch's fit."""
         entering = step.stage not in self._stages
         if step.index < self._next and not entering:
             return
         self._next = step.index + max(1, step.total // MOMENTS)
         if entering:
             self._stages.append(step.stage)
-            self._writer.add_text("stage", step.stage, step.index)
-        self._chart(step.terms)
-        for name, values in step.terms.items():
-            for quantile, value in _quantiles(values).items():
-                self._writer.add_scalar(f"{name}/{quantile}", value, step.index)
+            self.text("stage", step.stage, step.index)
+        self._chart(step.quantiles)
+        values = {f"{term}/{name}": value for term, band in step.quantiles.items() for name, value in band.items()}
+        values |= {f"{scan}/{name}": value for scan, own in step.scans.items() for name, value in own.items()}
+        self._add(
+            _SUMMARIES.Summary(value=[_SUMMARIES.Summary.Value(tag=tag, simple_value=v) for tag, v in values.items()]),
+            step.index,
+        )
 
-    def images(self, name: str, **figures: Figure) -> None:
-        """Add figures of one scan, such as `images("anny_05", patterns=..., fit=...)`."""
-        for kind, figure in figures.items():
-            self._writer.add_image(f"{name}/{kind}", figure_image(figure), dataformats="HWC")
+    def image(self, tag: str, png: bytes) -> None:
+        """Add a picture, as the content of a PNG file."""
+        width, height = struct.unpack(">II", png[16:24])
+        picture = _SUMMARIES.Summary.Image(height=height, width=width, colorspace=3, encoded_image_string=png)
+        self._add(_SUMMARIES.Summary(value=[_SUMMARIES.Summary.Value(tag=tag, image=picture)]))
 
-    def mesh(
-        self,
-        name: str,
-        shape: CupShape,
-        points: Float[ndarray, "n 3"],
-        distances: Float[ndarray, " n"],
-        side: Side = "left",
-    ) -> None:
-        """Add a 3D view of one scan: its cup, and its cloud coloured by distance.
-
-        TensorBoard shows either points or faces under one tag, so every point becomes a small tetrahedron.
+    def mesh(self, tag: str, vertices: np.ndarray, colours: np.ndarray, faces: np.ndarray, title: str = "") -> None:
+        """Add a 3D view.
 
         Args:
-            shape: the cup, cup frame, mm.
-            points: cup frame, mm. At most `DOTS` of them, evenly chosen, are shown.
-            distances: mm, positive outside the cup.
-            side: right cups, which are fitted as left ones, are shown as they are worn.
+            vertices: (v, 3) float32, as the viewer shows them: it looks along -z, with y up.
+            colours: (v, 3) uint8.
+            faces: (f, 3) int32.
+            title: shown with it; the tag if there is none.
         """
-        worn = np.array((1.0, -1.0 if side == "right" else 1.0, 1.0))
-        cup = cup_mesh(shape, strips=6, place=lambda x: x * worn)
-        limit = distance_limit(distances)
-        chosen = np.unique(np.linspace(0, len(points) - 1, min(len(points), DOTS)).astype(int))
-        size = 0.004 * float(np.ptp(cup.vertices, axis=0).max())
-        vertices, faces = _tetrahedra(points[chosen] * worn, size)
-        colours = np.repeat(distance_colours(distances[chosen], limit), 4, axis=0)
-        vertices = np.vstack((cup.vertices, vertices))
-        centre = (vertices.min(0) + vertices.max(0)) / 2
-        self._writer.add_mesh(
-            f"{name}/cup",
-            vertices=torch.as_tensor((vertices - centre) @ _UPRIGHT.T, dtype=torch.float32)[None],
-            colors=torch.as_tensor(np.vstack((PANELS[cup.panel % len(PANELS)], colours)), dtype=torch.uint8)[None],
-            faces=torch.as_tensor(np.vstack((cup.faces, faces + len(cup.vertices))), dtype=torch.int32)[None],
-            config_dict=_SCENE,
-        )
+        parts = ((_PARTS.VERTEX, vertices), (_PARTS.FACE, faces), (_PARTS.COLOR, colours))
+        mask = meshes.get_components_bitmask([kind for kind, _ in parts])
+        values = []
+        for kind, array in parts:
+            own = meshes.create_summary_metadata(
+                tag, title or tag, kind, mask, (1, *array.shape), title or tag, json_config=json.dumps(_SCENE)
+            )
+            name = meshes.get_instance_name(tag, kind)
+            values.append(_SUMMARIES.Summary.Value(tag=name, tensor=make_tensor_proto(array[None]), metadata=own))
+        self._add(_SUMMARIES.Summary(value=values))
+
+    def text(self, tag: str, words: str, step: int = 0) -> None:
+        """Add a text in Markdown."""
+        own = texts.create_summary_metadata(display_name=tag, description="")
+        self._tensor(f"{tag}/text_summary", np.array([words.encode()], dtype=object), own, step)
+
+    def summary(self, summary: Any) -> None:
+        """Add a summary made elsewhere, such as hyperparameters."""
+        self._add(summary)
+
+    def scalar(self, tag: str, value: float, step: int = 0) -> None:
+        """Add a number."""
+        self._add(_SUMMARIES.Summary(value=[_SUMMARIES.Summary.Value(tag=tag, simple_value=value)]), step)
 
     def close(self) -> None:
         """Write what is pending and close the files."""
@@ -113,29 +119,28 @@ class Recorder:
     def _chart(self, terms: Mapping[str, Any]) -> None:
         """One chart per term, all in one group. TensorBoard takes the last layout written."""
         new = [name for name in terms if name not in self._charted]
-        if new:
-            self._charted += new
-            bands = {name: ["Margin", [f"{name}/{q}" for q in QUANTILES]] for name in self._charted}
-            self._writer.add_custom_scalars({"fit: median, 5 % and 95 % over the batch": bands})
+        if not new:
+            return
+        self._charted += new
+        layout = _CHARTS.Layout(
+            category=[
+                _CHARTS.Category(
+                    title="fit: median, 5 % and 95 % over the batch", chart=[_band(name) for name in self._charted]
+                )
+            ]
+        )
+        content = np.array(layout.SerializeToString(), dtype=object)
+        self._tensor(charts.CONFIG_SUMMARY_TAG, content, charts.create_summary_metadata())
+
+    def _tensor(self, tag: str, content: np.ndarray, metadata: Any, step: int = 0) -> None:
+        tensor = make_tensor_proto(content)
+        self._add(_SUMMARIES.Summary(value=[_SUMMARIES.Summary.Value(tag=tag, tensor=tensor, metadata=metadata)]), step)
+
+    def _add(self, summary: Any, step: int = 0) -> None:
+        self._writer.add_event(_EVENTS.Event(summary=summary, step=step, wall_time=time.time()))
 
 
-# The viewer looks along -z with y up: the bottom of the wire (+x of the cup frame) downwards, the chest behind.
-_UPRIGHT = np.array(((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
-_SCENE = {"material": {"cls": "MeshStandardMaterial", "side": 2, "roughness": 1, "metalness": 0}}
-
-
-def _quantiles(values: Tensor) -> dict[str, float]:
-    """Of the finite values; nothing if there are none."""
-    numbers = values.detach().double().cpu().flatten()
-    numbers = numbers[numbers.isfinite()].numpy()
-    if len(numbers) == 0:
-        return {}
-    return dict(zip(QUANTILES, np.quantile(numbers, list(QUANTILES.values())).tolist(), strict=True))
-
-
-def _tetrahedra(centres: Float[ndarray, "n 3"], size: float) -> tuple[ndarray, ndarray]:
-    """Vertices (4 n, 3) and outward faces (4 n, 3)."""
-    corners = size * np.array(((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)))
-    faces = np.array(((0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)))
-    vertices = (centres[:, None] + corners).reshape(-1, 3)
-    return vertices, (faces + 4 * np.arange(len(centres))[:, None, None]).reshape(-1, 3)
+def _band(term: str) -> Any:
+    median, low, high = (f"{term}/{name}" for name in _BAND)
+    series = _CHARTS.MarginChartContent.Series(value=median, lower=low, upper=high)
+    return _CHARTS.Chart(title=term, margin=_CHARTS.MarginChartContent(series=[series]))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from functools import partial
 
 import numpy as np
@@ -7,11 +8,18 @@ import pytest
 from lunes import lune_cup, sphere_points
 
 from brafit.cup import StripsCup
-from brafit.fit import LM, Conditions, CupFit, LMStage, Target, fit_targets, shards
+from brafit.fit import LM, Conditions, CupFit, LMStage, Target, fit_targets
 
 CUP = partial(StripsCup, panels=2, terms=4, stations=21, nodes=24, output_nodes=24)
 SOLVER = LM([LMStage(steps=4, terms=3, points=0), LMStage(steps=6)])
 CONDITIONS = Conditions(neckline=0.1)
+
+
+def dies(survivor: int, wire):
+    """The cup of a process that falls as soon as it has work."""
+    if os.getpid() != survivor:
+        os._exit(1)
+    return CUP(wire)
 
 
 def targets(count: int) -> list[Target]:
@@ -62,8 +70,5 @@ def test_what_cannot_be_sent_is_done_here(alone):
 
 
 def test_the_share_of_a_process_that_died_is_done_here(alone):
-    shards.prepare(8, 2)
-    for helper in shards._POOL._idle:
-        helper._process.kill()
-        helper._process.wait()
-    assert [fit.name for fit in fitted(targets(8), 2)] == [fit.name for fit in alone[:8]]
+    dying = fitted(targets(8), 2, cup=partial(dies, os.getpid()))
+    assert [fit.name for fit in dying] == [fit.name for fit in alone[:8]]

@@ -16,7 +16,7 @@ from lunes import RADIUS, lune_cup, lune_flat, sphere_points
 from brafit.fit import CupFit, ResultCode, Target
 from brafit.fit.measure import point_distances
 from brafit.pattern import PatternOptions, Side
-from brafit.report.page import write_index
+from brafit.report.index import write_index
 from brafit.result import Result
 from brafit.scan import CupFrame
 
@@ -123,7 +123,7 @@ def test_index_sorts_in_a_browser(tmp_path):
         {"scan": "a/d", "status": "ok", "side": "left", "rms_mm": 9.25, "p95_mm": None},
         {"scan": "z", "status": "failed", "reason": "no <points>"},
     ]
-    write_index(tmp_path / "index.html", rows)
+    write_index(tmp_path / "index.html", rows, [()] * len(rows))
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert 'href="b%20%26%20c/report.html"' in text
     assert "no &lt;points&gt;" in text
@@ -140,7 +140,8 @@ def test_index_shows_and_sorts_warnings(tmp_path):
     made["c"] = replace(made["c"], fit=replace(made["c"].fit, warnings=("the <fit> was not sure",)))
     for name, one in made.items():
         one.save(tmp_path / name)
-    write_index(tmp_path / "index.html", [one.row() for one in made.values()])
+    warnings = [(*one.fit.warnings, *one.patterns().warnings) for one in made.values()]
+    write_index(tmp_path / "index.html", [one.row() for one in made.values()], warnings)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "2 with warnings" in text
     assert "the &lt;fit&gt; was not sure" in text

@@ -24,7 +24,7 @@ def test_keys_are_those_of_the_specification():
         "scan status reason side cup panels terms solver points rms_mm mean_mm p95_mm max_mm upper_edge_mm "
         "neckline_smoothing_mm outline_sd_mm tightest_radius_mm "
         "wire_length_mm wire_smoothing_mm wire_drift_mm twist_deg_max regularity_min isometry_mm seam_mismatch_mm "
-        "iterations seconds"
+        "iterations seconds warning_count"
     )
 
 

@@ -1,23 +1,21 @@
+import io
 from typing import Any
 
 import numpy as np
-import pytest
-import torch
-from lunes import lune_cup, lune_flat, sphere_points
+from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.plugins.custom_scalar import layout_pb2
 from tensorboard.util import tensor_util
 
-from brafit.fit.solver import Step
-from brafit.pattern import PatternOptions, finish, pieces_from_panels
-from brafit.report.figures import pattern_figure
-from brafit.report.tensorboard import DOTS, Recorder
+from brafit.report.course import FitStep
+from brafit.report.tensorboard import Recorder
 
 LAYOUT: Any = layout_pb2.Layout  # type: ignore[attr-defined]
 
 
-def step(index: int, stage: str = "1 adam", total: int = 10, **terms: torch.Tensor) -> Step:
-    return Step(stage, index, total, terms)
+def step(index: int, stage: str = "1 adam", total: int = 10, scans: dict | None = None, **medians: float) -> FitStep:
+    bands = {name: {"median": m, "p05": m - 1, "p95": m + 1} for name, m in medians.items()}
+    return FitStep(stage, index, total, bands, scans or {})
 
 
 def events(folder) -> EventAccumulator:
@@ -29,27 +27,21 @@ def tensor(read: EventAccumulator, tag: str) -> np.ndarray:
     return tensor_util.make_ndarray(read.Tensors(tag)[-1].tensor_proto)
 
 
-def test_quantiles_over_the_finite_values_of_the_batch(tmp_path):
-    batch = torch.arange(101.0)
-    broken = torch.cat((batch, torch.tensor([torch.nan, torch.inf])))
+def test_a_batch_has_its_quantiles_and_each_watched_scan_a_curve(tmp_path):
     with Recorder(tmp_path) as recorder:
-        recorder.step(step(0, loss=batch, penalty=2 * batch))
-        recorder.step(step(1, loss=broken, penalty=torch.full((5,), torch.nan)))
-        recorder.step(step(2, loss=batch[7:8]))
+        recorder.step(step(0, loss=50.0, penalty=7.0, scans={"anny": {"objective": 3.0, "rms_mm": 2.0}}))
+        recorder.step(step(1, loss=40.0, scans={"anny": {"objective": 1.0, "rms_mm": 1.0}}))
     read = events(tmp_path)
     found = {q: [(e.step, e.value) for e in read.Scalars(f"loss/{q}")] for q in ("median", "p05", "p95")}
-    assert found == {
-        "median": [(0, 50), (1, 50), (2, 7)],
-        "p05": [(0, 5), (1, 5), (2, 7)],
-        "p95": [(0, 95), (1, 95), (2, 7)],
-    }
-    assert [(e.step, e.value) for e in read.Scalars("penalty/p95")] == [(0, 190)]
+    assert found == {"median": [(0, 50), (1, 40)], "p05": [(0, 49), (1, 39)], "p95": [(0, 51), (1, 41)]}
+    assert [(e.step, e.value) for e in read.Scalars("penalty/p95")] == [(0, 8)]
+    assert [(e.step, e.value) for e in read.Scalars("anny/rms_mm")] == [(0, 2), (1, 1)]
 
 
 def test_one_chart_with_the_band_of_each_term(tmp_path):
     with Recorder(tmp_path) as recorder:
-        recorder.step(step(0, loss=torch.ones(3)))
-        recorder.step(step(1, stage="2 lbfgs", loss=torch.ones(3), ends=torch.ones(3)))
+        recorder.step(step(0, loss=1.0))
+        recorder.step(step(1, stage="2 lbfgs", loss=1.0, ends=1.0))
     layout = LAYOUT.FromString(tensor(events(tmp_path), "custom_scalars__config__").item())
     (category,) = layout.category
     assert [chart.title for chart in category.chart] == ["loss", "ends"]
@@ -60,7 +52,7 @@ def test_one_chart_with_the_band_of_each_term(tmp_path):
 def test_long_fits_are_thinned_but_every_stage_begins(tmp_path):
     with Recorder(tmp_path) as recorder:
         for index in range(5000):
-            recorder.step(step(index, stage="1" if index < 3333 else "2", total=5000, loss=torch.ones(2)))
+            recorder.step(step(index, stage="1" if index < 3333 else "2", total=5000, loss=1.0))
     read = events(tmp_path)
     steps = [event.step for event in read.Scalars("loss/median")]
     assert 900 < len(steps) <= 1001
@@ -69,29 +61,20 @@ def test_long_fits_are_thinned_but_every_stage_begins(tmp_path):
     assert [tensor(read, "stage/text_summary").item()] == [b"2"]
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_images_and_mesh_of_a_scan(tmp_path, side):
-    points, distances = sphere_points(700)
-    made = finish(pieces_from_panels(lune_flat()), PatternOptions(), name="anny", side="left")
+def test_pictures_and_meshes_come_back_as_they_were(tmp_path):
+    drawn = io.BytesIO()
+    Image.new("RGB", (70, 50), "red").save(drawn, "png")
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=np.float32)
+    colours, faces = np.full((3, 3), 200, dtype=np.uint8), np.array([[0, 1, 2]], dtype=np.int32)
     with Recorder(tmp_path) as recorder:
-        recorder.images("anny Ü", patterns=pattern_figure(made, "anny"))
-        recorder.mesh("anny Ü", lune_cup(n=21), points, distances, side)
+        recorder.image("anny Ü/patterns", drawn.getvalue())
+        recorder.mesh("anny Ü/cup", vertices, colours, faces, "anny Ü, left cup")
     read = events(tmp_path)
     (image,) = read.Images("anny Ü/patterns")
-    assert image.encoded_image_string.startswith(b"\x89PNG")
-    assert image.width > 500
-    vertices, faces, colours = (tensor(read, f"anny Ü/cup_{part}")[0] for part in ("VERTEX", "FACE", "COLOR"))
-    assert vertices.shape == colours.shape == (2 * (2 + 19 * 7) + 4 * 700, 3)
-    assert faces.min() == 0
-    assert faces.max() == len(vertices) - 1
-    assert np.abs(vertices.min(0) + vertices.max(0)).max() < 1e-3
-    dots = vertices[-4 * 700 :].reshape(-1, 4, 3).mean(1)
-    worn = points[:, [1, 0, 2]] * ((1, -1, 1) if side == "left" else (-1, -1, 1))
-    np.testing.assert_allclose(dots - dots[0], worn - worn[0], atol=1e-3)
-
-
-def test_large_clouds_are_thinned_in_the_3d_view(tmp_path):
-    points, distances = sphere_points(DOTS + 500)
-    with Recorder(tmp_path) as recorder:
-        recorder.mesh("x", lune_cup(n=21), points, distances)
-    assert tensor(events(tmp_path), "x/cup_VERTEX").shape[1] == 2 * (2 + 19 * 7) + 4 * DOTS
+    assert image.encoded_image_string == drawn.getvalue()
+    assert (image.width, image.height) == (70, 50)
+    for part, values in (("VERTEX", vertices), ("FACE", faces), ("COLOR", colours)):
+        np.testing.assert_array_equal(tensor(read, f"anny Ü/cup_{part}")[0], values)
+    metadata = read.SummaryMetadata("anny Ü/cup_VERTEX")
+    assert metadata.plugin_data.plugin_name == "mesh"
+    assert metadata.display_name == "anny Ü, left cup"

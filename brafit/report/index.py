@@ -1,0 +1,69 @@
+"""The page over all scans of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from brafit.atomic import write_text
+from brafit.report.html import MEANINGS, asset, number, page, short, text
+
+
+def write_index(
+    path: str | Path,
+    rows: Sequence[Mapping[str, Any]],
+    warnings: Sequence[Sequence[str]],
+    folders: Sequence[str] | None = None,
+) -> None:
+    """Write the page over a run: a line a scan with its picture and warnings, sortable by any figure.
+
+    Args:
+        rows: of summary.csv.
+        warnings: of each scan, of its fit and its pieces.
+        folders: where each scan's files are, seen from this page; None: in a folder of its name.
+    """
+    keys = [key for key in MEANINGS if any(row.get(key) is not None for row in rows)]
+    heads = ["cup", "scan", "status", "warnings", "side", *(key.removesuffix("_mm") for key in keys)]
+    about = ["", "", "", "of the fit and of the pieces; open them to read", ""]
+    titles = [*about, *(f"{MEANINGS[key][0]} {MEANINGS[key][1]}".strip() for key in keys)]
+    plain = len(about)
+    head = "".join(
+        f'<th class="{"number" if i >= plain else ""}" title="{text(title)}">{text(words.replace("_", " "))}</th>'
+        for i, (words, title) in enumerate(zip(heads, titles, strict=True))
+    )
+    places = [str(row["scan"]) for row in rows] if folders is None else folders
+    told = zip(rows, warnings, places, strict=True)
+    lines = "\n".join(_index_line(row, own, keys, quote(place)) for row, own, place in told)
+    good, warned = sum(row.get("status") == "ok" for row in rows), sum(bool(told) for told in warnings)
+    body = (
+        f"<h1>bra cups</h1><p>{good} of {len(rows)} scans ok, {warned} with warnings. "
+        "Lengths in mm, angles in degrees. Click a heading to sort, a scan for its report.</p>"
+        f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead>'
+        f"<tbody>\n{lines}\n</tbody></table></div>"
+        f"<script>{asset('table.js')}</script>"
+    )
+    write_text(path, page("bra cups", body, wide=True))
+
+
+def _index_line(row: Mapping[str, Any], told: Sequence[str], keys: Sequence[str], folder: str) -> str:
+    name, good = str(row["scan"]), row.get("status") == "ok"
+    image = f'<img src="{folder}/thumbnail.png" loading="lazy" alt="">'
+    picture = f'<a href="{folder}/report.html">{image}</a>' if good else ""
+    title = f'<a href="{folder}/report.html">{text(name)}</a>' if good else text(name)
+    state = "ok" if good else f'<span class="failed">failed</span> <span class="soft">{text(row.get("reason"))}</span>'
+    words = "".join(f"<li>{text(line)}</li>" for line in told)
+    warned = f'<details><summary class="failed">{len(told)}</summary><ul>{words}</ul></details>' if told else "0"
+    cells = [
+        f'<td data-value="{text(name)}">{picture}</td>',
+        f"<td>{title}</td>",
+        f'<td data-value="{"ok" if good else "failed"}">{state}</td>',
+        f'<td data-value="{len(told) if good else ""}">{warned if good else ""}</td>',
+        f"<td>{text(row.get('side') or '')}</td>",
+    ]
+    for key in keys:
+        value = number(row.get(key))
+        shown = "" if value is None else text(short(value))
+        cells.append(f'<td class="number" data-value="{"" if value is None else repr(value)}">{shown}</td>')
+    return f"<tr>{''.join(cells)}</tr>"

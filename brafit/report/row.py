@@ -1,0 +1,46 @@
+"""A scan's row: its line of summary.csv and the first entries of its fit.json. The only maker of rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from brafit.fit.loop import CupFit
+from brafit.fit.result import ResultCode
+
+OPTIONAL = {"outline_sd_mm", "upper_edge_mm", "neckline_smoothing_mm"}
+"""Figures that not every fit has: no deviation is known of cups with constraints, and there may be no neckline."""
+
+
+def failed_row(
+    name: str, reason: str, model: Mapping[str, Any], side: str | None = None, points: int | None = None
+) -> dict[str, Any]:
+    """The row of a scan without a result.
+
+    Args:
+        model: cup, solver, panels and terms, by these keys.
+        side, points: as far as they are known.
+    """
+    row = {"scan": name, "status": "failed", "reason": reason, **model, "side": side, "points": points}
+    return {key: value for key, value in row.items() if value is not None}
+
+
+def fitted_row(fit: CupFit, side: str, points: int, model: Mapping[str, Any], neckline: bool) -> dict[str, Any]:
+    """The row of a fit: `ok` if it is a cup and all its figures are numbers.
+
+    Args:
+        points: of the scan.
+        model: cup, solver, panels and terms, by these keys.
+        neckline: whether the scan has one; without it there is no distance from it.
+    """
+    figures = {key: math.nan if value is None else float(value) for key, value in fit.figures.items()}
+    row = failed_row(fit.name, fit.reason, model, side, points)
+    row |= figures | {"iterations": fit.iterations, "seconds": fit.seconds}
+    if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED):
+        return row
+    absent = OPTIONAL if not neckline else {"outline_sd_mm"}
+    missing = [key for key, value in figures.items() if key not in absent and not math.isfinite(value)]
+    if missing:
+        return row | {"reason": f"{fit.reason}, but not finite: {', '.join(missing)}"}
+    return row | {"status": "ok"}

@@ -1,0 +1,31 @@
+"""What a run says at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from brafit.report.table import format_table
+from brafit.run.job import Done
+from brafit.run.sinks import Tally
+
+ROWS = 60
+"""Scans whose rows are shown; of larger runs only those that failed."""
+CAUSES = 12
+"""Reasons that are listed."""
+
+
+def closing(done: Sequence[Done], out: Path) -> str:
+    """The table of a small run, or of what failed in a large one; how many are ok, warned of and failed, by reason."""
+    tally = Tally()
+    for one in done:
+        tally.add(one)
+    shown = [one.row for one in done if len(done) <= ROWS or not one.ok][:ROWS]
+    lines = [format_table(shown), ""] if shown else []
+    counts = f"{tally.ok} of {tally.total} scans ok"
+    details = [f"{tally.warned} of them with warnings"] * bool(tally.warned)
+    details += [f"{tally.kept} kept from before"] * bool(tally.kept)
+    lines.append(f"{', '.join([counts, *details])}{f'; {tally.failed} failed:' if tally.failed else '.'}")
+    lines += [f"  {count} x {cause}" for cause, count in tally.causes.most_common(CAUSES)]
+    lines += [f"  and {len(tally.causes) - CAUSES} other reasons"] * (len(tally.causes) > CAUSES)
+    return "\n".join([*lines, f"Results: {out}"])

@@ -1,0 +1,231 @@
+"""What workers do: find the scans, load, fit and finish them. Each call gets the run's recipe, and tells what it is at.
+
+Scans and fits travel as bytes, which the conductor hands on unread: it needs none of what computes.
+"""
+
+from __future__ import annotations
+
+import pickle
+import platform
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from brafit import __version__
+from brafit.errors import BrafitError, InputError
+from brafit.fit import CupFit, Step, Target
+from brafit.pattern import Side
+from brafit.report.course import FitStep
+from brafit.report.row import failed_row, fitted_row
+from brafit.report.table import write_fit_json
+from brafit.result import FILES, Result
+from brafit.run.dataset import ScanRef
+from brafit.run.dataset import dataset as dataset_of
+from brafit.run.job import Done, common_cause
+from brafit.run.recipe import Recipe
+from brafit.run.store import key_of, nest_file, restored
+from brafit.scan import Scan, load_scan, point_weights, uncovered_share
+
+Tell = Callable[[Any], None]
+QUANTILES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
+
+
+@lru_cache(maxsize=16)
+def _recipe(source: bytes, overrides: tuple[str, ...] = ()) -> Recipe:
+    """The run's recipe, made once in every process, with a scan's own settings."""
+    recipe: Recipe = pickle.loads(source)()
+    if not overrides:
+        return recipe
+    from brafit.config import varied
+    from brafit.run.recipe import recipe_from_settings
+
+    settings, names = varied(recipe.settings, recipe.names, overrides)
+    return recipe_from_settings(settings, names)
+
+
+def begin(
+    source: bytes, scans: Sequence[str | Path], side: str | None, manifest: str | None, shard: str | None, tell: Tell
+) -> tuple[list[ScanRef], list[str]]:
+    """Make the recipe, so that wrong settings are known before anything else, and find the scans."""
+    _recipe(source)
+    return dataset_of(scans, side, manifest, shard)
+
+
+def load(source: bytes, ref: ScanRef, out: Path, resume: bool, tell: Tell) -> list[Done | bytes]:
+    """Each breast of a file: what was kept of it or why it failed, or the scan as bytes."""
+    try:
+        recipe = _recipe(source, ref.overrides)
+    except BrafitError as error:
+        return [fail(source, replace(ref, overrides=()), k, str(error), out, tell) for k in range(len(ref.names))]
+    results: list[Done | bytes] = []
+    for k, (name, side, position) in enumerate(zip(ref.names, ref.sides, ref.positions, strict=True)):
+        tell("reading")
+        try:
+            key = key_of(ref, side, recipe.settings)
+            kept = restored(out, name, position, key, recipe.pattern.nest) if resume else None
+            if kept is not None:
+                results.append(kept)
+                continue
+            scan = load_scan(ref.path, name=name, landmarks=ref.landmarks, **{**recipe.scan, "side": side})
+            results.append(pickle.dumps((ref, k, key, scan), pickle.HIGHEST_PROTOCOL))
+        except BrafitError as error:
+            cause = error.cause if isinstance(error, InputError) else str(error)
+            results.append(_failure(recipe, ref, k, str(error), cause, out))
+    return results
+
+
+def fit(source: bytes, scans: Sequence[bytes], watched: Sequence[str], tell: Tell) -> list[bytes]:
+    """The fits of a batch, in its order; all scans of a batch have the same settings of their own."""
+    loaded = [pickle.loads(data) for data in scans]
+    recipe = _recipe(source, loaded[0][0].overrides)
+    names = [scan.name for *_, scan in loaded]
+    fits = recipe.fit([bridged(scan) for *_, scan in loaded], lambda step: tell(_told(step, names, watched)))
+    own = [_of_data(fit, len(scan.points)) for fit, (*_, scan) in zip(fits, loaded, strict=True)]
+    return [pickle.dumps(fit, pickle.HIGHEST_PROTOCOL) for fit in own]
+
+
+def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell: Tell) -> Done:
+    """The row of a fit; its files are written if it is ok, and its pictures drawn if they are asked for."""
+    ref, k, key, loaded = pickle.loads(scan)
+    recipe, cup = _recipe(source, ref.overrides), pickle.loads(fit)
+    row = fitted_row(cup, loaded.side, len(loaded.points), recipe.model, loaded.neckline is not None)
+    if row["status"] != "ok":
+        return _failure(recipe, ref, k, row["reason"], cup.code.value, out, row)
+    result = result_of(recipe, loaded, cup)
+    extra = _scan_facts(loaded, cup) | _provenance(recipe, ref.path)
+    result.save(out / loaded.name, extra | {"position": ref.positions[k], "key": key})
+    if recipe.pattern.nest:
+        nest_file(out, loaded.name).parent.mkdir(parents=True, exist_ok=True)
+        nest_file(out, loaded.name).write_bytes(pickle.dumps(result.patterns()))
+    return Done(
+        ref.positions[k],
+        loaded.name,
+        result.row(),
+        (*cup.warnings, *result.patterns().warnings),
+        loaded.notes,
+        pictures=result.pictures() if drawn else {},
+        mesh=result.mesh_view() if drawn else None,
+    )
+
+
+def fail(source: bytes, ref: ScanRef, k: int, reason: str, out: Path, tell: Tell) -> Done:
+    """The failure of a breast that could not be told by what failed: its process is gone."""
+    return _failure(_recipe(source), ref, k, reason, reason.replace(str(ref.path), ""), out)
+
+
+def _failure(
+    recipe: Recipe, ref: ScanRef, k: int, reason: str, cause: str, out: Path, row: dict[str, Any] | None = None
+) -> Done:
+    """The row of a failure, and its fit.json; results of an earlier run in the folder must not pass for its own."""
+    name = ref.names[k]
+    row = failed_row(name, reason, recipe.model, ref.sides[k]) if row is None else row
+    folder = out / name
+    for file in FILES:
+        (folder / file).unlink(missing_ok=True)
+    write_fit_json(folder / "fit.json", row, _provenance(recipe, ref.path) | {"position": ref.positions[k]})
+    return Done(ref.positions[k], name, row, cause=common_cause(cause))
+
+
+def target_of(scan: Scan) -> Target:
+    """What the fit is told of a scan: the points that it has."""
+    return Target(
+        name=scan.name,
+        points=scan.points,
+        weights=point_weights(scan.points, scan.curve),
+        wire=scan.wire,
+        neckline=scan.neckline,
+        strap_point=scan.strap_point,
+        apex=scan.apex,
+    )
+
+
+def bridged(scan: Scan) -> Target:
+    """The target of the fit: with the places that are assumed where the scan has no data."""
+    if not len(scan.assumed):
+        return target_of(scan)
+    points = np.concatenate([scan.points, scan.assumed])
+    return replace(target_of(scan), points=points, weights=point_weights(points, scan.curve))
+
+
+def _of_data(fit: CupFit, count: int) -> CupFit:
+    """The fit with the figures of its first points only: those that the scan has."""
+    if len(fit.distances) == count:
+        return fit
+    distances = fit.distances[:count]
+    size = np.abs(distances)
+    figures = {
+        "rms_mm": float(np.sqrt(np.mean(size**2))),
+        "mean_mm": float(size.mean()),
+        "p95_mm": float(np.quantile(size, 0.95)),
+        "max_mm": float(size.max()),
+    }
+    return replace(fit, distances=distances, figures=fit.figures | figures)
+
+
+def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
+    """The fit of a scan with all that can be made of it."""
+    sources = {
+        "points": f"{scan.path.name}, {len(scan.points)} used",
+        "wire": f"{scan.origin.wire} ({len(scan.wire)} points)",
+        "side": f"{scan.origin.marks} ({scan.side})",
+        "neckline": "none: only the points say where the cup ends" if scan.neckline is None else scan.origin.neckline,
+        "strap point": "none" if scan.strap_point is None else scan.origin.marks,
+        "apex": "not given: the cup's point farthest from the chest" if scan.apex is None else scan.origin.marks,
+    }
+    side: Side = "right" if scan.side == "right" else "left"
+    return Result(fit, target_of(scan), side, scan.frame, recipe.pattern, sources, recipe.model)
+
+
+def _scan_facts(scan: Scan, fit: CupFit) -> dict[str, Any]:
+    """What became of the scan before the fit, and how much of the cup has no data."""
+    return {
+        "cleaning": asdict(scan.cleaning),
+        "units": asdict(scan.units),
+        "origin": asdict(scan.origin),
+        "notes": list(scan.notes),
+        "uncovered_share": uncovered_share(fit.shape, scan.dense),
+        "assumed_points": len(scan.assumed),
+        "landmarks": {
+            "wire_points": len(scan.wire),
+            "neckline_points": 0 if scan.neckline is None else len(scan.neckline),
+            "strap_point": scan.strap_point,
+            "apex": scan.apex,
+        },
+    }
+
+
+def _provenance(recipe: Recipe, path: Path) -> dict[str, Any]:
+    versions = {"brafit": __version__, "torch": torch.__version__, "python": platform.python_version()}
+    return {"file": path.absolute(), "settings": recipe.settings, "versions": versions}
+
+
+def _told(step: Step, names: Sequence[str], watched: Sequence[str]) -> FitStep:
+    quantiles = {name: found for name, values in step.terms.items() if (found := _quantiles(values))}
+    return FitStep(step.stage, step.index, step.total, quantiles, _of_scans(step, names, watched))
+
+
+def _quantiles(values: torch.Tensor) -> dict[str, float]:
+    """Of the finite values; nothing if there are none."""
+    numbers = values.detach().double().cpu().flatten()
+    numbers = numbers[numbers.isfinite()].numpy()
+    if len(numbers) == 0:
+        return {}
+    return dict(zip(QUANTILES, np.quantile(numbers, list(QUANTILES.values())).tolist(), strict=True))
+
+
+def _of_scans(step: Step, names: Sequence[str], watched: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Objective and RMS of the watched scans: of each the best of its starts."""
+    if not watched or "objective" not in step.terms:
+        return {}
+    found: dict[str, dict[str, float]] = {}
+    shown = {key: step.terms[key].detach().double().cpu() for key in ("objective", "rms_mm") if key in step.terms}
+    for row, scan in enumerate(step.scans.tolist()):
+        name, values = names[scan], {key: float(value[row]) for key, value in shown.items()}
+        if name in watched and (name not in found or values["objective"] < found[name]["objective"]):
+            found[name] = values
+    return found

@@ -1,0 +1,104 @@
+"""What is finished already: each scan's fit.json says from which files and settings it was made."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from brafit import __version__
+from brafit.report.table import SUMMARY_KEYS
+from brafit.run.dataset import ScanRef
+from brafit.run.job import Done, common_cause
+
+IRRELEVANT = frozenset(
+    {"scans", "out", "threads", "batch", "device", "dataset", "sinks", "resume", "patience", "experiment"}
+)
+"""Settings that say nothing about what comes out for a scan."""
+
+
+def relevant(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings that a scan's results depend on, and the version of brafit."""
+    chosen = {key: value for key, value in settings.items() if key not in IRRELEVANT}
+    return {**chosen, "brafit": __version__}
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """A line for each setting that is not the same: `cup.panels: 2, now 3`."""
+    lines = []
+    for key in dict.fromkeys((*old, *new)):
+        one, other, name = old.get(key), new.get(key), f"{prefix}{key}"
+        if isinstance(one, Mapping) and isinstance(other, Mapping):
+            lines += differences(one, other, f"{name}.")
+        elif one != other:
+            lines.append(f"{name}: {_shown(one)}, now {_shown(other)}")
+    return lines
+
+
+def _shown(value: Any) -> str:
+    return json.dumps(value, default=str)
+
+
+def key_of(ref: ScanRef, side: str | None, settings: Mapping[str, Any]) -> str:
+    """What tells one scan's input from any other: cloud, landmark file, side, and the settings that matter.
+
+    A file that cannot be read has an empty place in it; whoever loads it says what is wrong.
+    """
+    from brafit.scan.landmarks import landmarks_path
+
+    digest = hashlib.sha256(json.dumps([relevant(settings), side], sort_keys=True, default=str).encode())
+    for file in (ref.path, ref.landmarks or landmarks_path(ref.path)):
+        digest.update(_digest(file))
+    return digest.hexdigest()
+
+
+def _digest(file: Path) -> bytes:
+    try:
+        with file.open("rb") as content:
+            return hashlib.file_digest(content, "sha256").digest()
+    except OSError:
+        return b""
+
+
+def nest_file(out: Path, name: str) -> Path:
+    """Where a scan's pattern waits for the nest of the whole run."""
+    return out / ".nest" / f"{name}.pickle"
+
+
+def restored(out: Path, name: str, position: int, key: str, nest: bool) -> Done | None:
+    """A scan that is finished: ok, from the same files and settings, its files all there."""
+    content = read_fit(out / name)
+    if content is None or content.get("key") != key or content.get("status") != "ok":
+        return None
+    if not all((out / name / file).is_file() for file in content.get("files", ())):
+        return None
+    if nest and not nest_file(out, name).is_file():
+        return None
+    return done_of(content, position)
+
+
+def done_of(content: Mapping[str, Any], position: int) -> Done:
+    """What a fit.json says of its scan."""
+    row = {key: content.get(key) for key in SUMMARY_KEYS}
+    warnings = (*content.get("warnings", ()), *content.get("pattern", {}).get("warnings", ()))
+    cause = common_cause(row["reason"] or "") if row["status"] != "ok" else ""
+    return Done(position, str(row["scan"]), row, warnings, tuple(content.get("notes", ())), cause, kept=True)
+
+
+def read_fit(folder: Path) -> dict[str, Any] | None:
+    """A scan's fit.json, None where there is none that can be read."""
+    try:
+        content = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return content if isinstance(content, dict) and "scan" in content else None
+
+
+def scan_folders(out: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """Folders with results in a run's folder, and what their fit.json says."""
+    for folder in sorted(path for path in out.iterdir() if path.is_dir()):
+        content = read_fit(folder)
+        if content is not None:
+            yield folder, content
