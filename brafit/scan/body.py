@@ -241,7 +241,7 @@ def _apex(points: np.ndarray, body: Body, side: str, dense: int = DENSE) -> tupl
     reach = candidate @ direction
     apex = np.median(candidate[reach > np.quantile(reach, 0.9995) - CAP], axis=0)
     surface = _about(points, apex, body.front, dense)
-    crowd = KDTree(surface.points).query_ball_point(surface.points, max(8.0, 3 * surface.spacing), return_length=True)
+    crowd = surface.tree.query_ball_point(surface.points, max(8.0, 3 * surface.spacing), return_length=True)
     area = 1 / np.maximum(crowd, 4)
     reach = surface.points @ direction
     for _ in range(3):
@@ -354,7 +354,7 @@ def _strap(
         aside = np.linalg.norm(away - ahead[:, None] * front, axis=1)
         ray = (aside < max(8.0, 3 * surface.spacing)) & (surface.normals @ front > 0)
         if not ray.any():
-            return surface.points[KDTree(surface.points).query(place)[1]]
+            return surface.points[surface.tree.query(place)[1]]
         step = np.median(ahead[ray][ahead[ray] > ahead[ray].max() - 8.0]) * front
         # Along the plane, then back to the height within it.
         place = place + step - (step @ body.up) / (way @ body.up) * way

@@ -122,22 +122,21 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
     image = _image(surface.points, hollow)
     drawn, strength = _drawn(image, _place(image, ends))
     start = _lifted(drawn, strength, ends, surface.points, hollow)
-    tree = KDTree(surface.points)
     line = start
     for window in WINDOWS:
-        places, plain = folds(surface, tree, line, window)
+        places, plain = folds(surface, line, window)
         counts = np.clip((plain - PLAIN[0]) / PLAIN[1], 0, 1)
-        level = settle(surface, line, max(8.0, 3 * surface.spacing), tree)[0]
+        level = settle(surface, line, max(8.0, 3 * surface.spacing))[0]
         bare = LAID * np.clip(1 - 3 * counts, 0, 1) * (np.linalg.norm(level - line, axis=1) < OFF)
-        bare *= np.asarray(tree.query(level)[0]) < max(BESIDE, 2 * surface.spacing)
-        known = _legs(surface, line, tree) if ends is None else ends
+        bare *= np.asarray(surface.tree.query(level)[0]) < max(BESIDE, 2 * surface.spacing)
+        known = _legs(surface, line) if ends is None else ends
         weights = [np.full(len(start), FIRST), counts, bare, np.full(2, USUAL if ends is None else HELD)]
         shown = np.concatenate([start, places, level, known]), np.concatenate(weights)
         line = rim(*shown) if ends is None else rim(*shown, held=2, flat=FLAT)
     wire = evenly_spaced(_cut(evenly_spaced(line, 1000), ends), STATIONS)
     if ends is not None:
         wire = _through(wire, ends)
-    measured = folds(surface, tree, wire, WINDOWS[-1])[1] >= PLAIN[0]
+    measured = folds(surface, wire, WINDOWS[-1])[1] >= PLAIN[0]
     return Wire(evenly_spaced(wire, COUNT), float(1 - measured.mean()), float(np.clip(strength, 0, DEEPEST).mean()))
 
 
@@ -170,10 +169,10 @@ def _rigid(points: np.ndarray, aims: np.ndarray, used: np.ndarray | slice = slic
     return (points - middle) @ u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v + aim
 
 
-def _legs(surface: Surface, line: np.ndarray, tree: KDTree) -> np.ndarray:
+def _legs(surface: Surface, line: np.ndarray) -> np.ndarray:
     """Places on the surface where the ends usually are."""
     near = KDTree(line[:, :2]).query(LEGS)[1]
-    return settle(surface, np.column_stack([LEGS, line[near, 2]]), max(8.0, 3 * surface.spacing), tree)[0]
+    return settle(surface, np.column_stack([LEGS, line[near, 2]]), max(8.0, 3 * surface.spacing))[0]
 
 
 def _cut(line: np.ndarray, ends: np.ndarray | None) -> np.ndarray:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
 from brafit.scan.surface import Surface
 
@@ -41,12 +40,11 @@ LEVEL = 30.0
 
 
 def folds(
-    surface: Surface, tree: KDTree, line: Float[np.ndarray, "k 3"], window: float
+    surface: Surface, line: Float[np.ndarray, "k 3"], window: float
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
     """The bottom of the crease near each place of a line that runs along it.
 
     Args:
-        tree: of the surface's points.
         window: how far it is sought to either side, mm.
 
     Returns:
@@ -55,7 +53,7 @@ def folds(
     """
     places, strengths = line.copy(), np.zeros(len(line))
     tangents = _unit(np.gradient(line, axis=0))
-    for k, near in enumerate(tree.query_ball_point(line, REACH)):
+    for k, near in enumerate(surface.tree.query_ball_point(line, REACH)):
         away, normals = surface.points[near] - line[k], surface.normals[near]
         kept = np.abs(away @ tangents[k]) < SLAB
         if kept.sum() >= 16:

@@ -93,7 +93,7 @@ def apart(one: Surface, other: Surface, places: Float[np.ndarray, "n 3"]) -> flo
     radius = max(PATCH, 3 * max(one.spacing, other.spacing))
     mine, normal = settle(one, chosen, radius)
     its, facing = settle(other, mine, radius)
-    near = KDTree(other.points).query(chosen)[0] < radius
+    near = other.tree.query(chosen)[0] < radius
     seen = near & ((normal * facing).sum(axis=1) > 0.7)
     if not len(chosen) or seen.mean() < 0.5:
         return float("inf")

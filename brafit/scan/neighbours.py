@@ -1,0 +1,58 @@
+"""The nearest neighbours of every point of a cloud, kept up to date while points are taken out of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
+
+SPARE = 4
+"""So many more neighbours are looked up than asked for: a point that loses some need not be looked up again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """The nearest `count` points, and some more, of each point, nearest first; each point is its own first neighbour.
+
+    Attributes:
+        points: the cloud.
+        distances, near: of the neighbours and their indices; beyond what is known infinite, and the point itself.
+        count: so many columns are complete.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    distances: Float[np.ndarray, "n k"]
+    near: Int[np.ndarray, "n k"]
+    count: int
+
+    @staticmethod
+    def of(points: Float[np.ndarray, "n 3"], count: int) -> Neighbours:
+        """The neighbours in a cloud; `count` or all points, if there are fewer."""
+        wanted = min(count + SPARE, len(points))
+        distances, near = KDTree(points).query(points, k=np.arange(1, wanted + 1))
+        return Neighbours(points, np.asarray(distances), np.asarray(near), min(count, len(points)))
+
+    def among(self, kept: Bool[np.ndarray, " n"]) -> tuple[Neighbours, Bool[np.ndarray, " m"]]:
+        """The neighbours in what is left of the cloud, and which of its points have others than before."""
+        if kept.all():
+            return self, np.zeros(len(kept), dtype=bool)
+        points, count = self.points[kept], min(self.count, int(kept.sum()))
+        distances, near = self.distances[kept], self.near[kept]
+        alive = kept[near]
+        alive &= np.isfinite(distances)
+        hit = np.flatnonzero(~alive.all(axis=1))
+        changed = np.zeros(len(points), dtype=bool)
+        changed[hit] = ~alive[hit, : self.count].all(axis=1)
+        near = (np.cumsum(kept) - 1)[near]
+        # What is left comes first, in its order.
+        order = np.argsort(~alive[hit], axis=1, kind="stable")
+        there = np.take_along_axis(alive[hit], order, axis=1)
+        distances[hit] = np.where(there, np.take_along_axis(distances[hit], order, axis=1), np.inf)
+        near[hit] = np.where(there, np.take_along_axis(near[hit], order, axis=1), hit[:, None])
+        if len(short := hit[there.sum(axis=1) < count]):
+            width = min(near.shape[1], len(points))
+            found = KDTree(points).query(points[short], k=np.arange(1, width + 1))
+            distances[short, :width], near[short, :width] = found
+        return Neighbours(points, distances, near, count), changed
