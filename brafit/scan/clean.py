@@ -21,9 +21,9 @@ from brafit.scan.surface import NEIGHBOURS, Surface, links, on_surface, parts, s
 SURPLUS, SLACK = 1.2, 1.25
 """Occupied voxels, over the points wanted: what is aimed at and what will do. The excess is what crowded points are
 taken out of: the means of neighbouring voxels can lie close together."""
-DENSE = 60_000
+DENSE = 32_000
 """More points than this about a breast say nothing more about it: they are averaged in voxels first."""
-SCATTER_PLACES, SCATTER_RADIUS = 1000, 6.0
+SCATTER_PLACES, SCATTER_RADIUS = 400, 6.0
 """Places at which noise is measured, and the radius (mm) of the plane about each."""
 LONELY = 3.0
 """A point whose neighbours are so many times as far away as is usual is on no surface."""

@@ -41,14 +41,14 @@ class Neighbours:
         points, count = self.points[kept], min(self.count, int(kept.sum()))
         distances, near = self.distances[kept], self.near[kept]
         alive = kept[near]
-        alive &= np.isfinite(distances)
         hit = np.flatnonzero(~alive.all(axis=1))
+        alive = alive[hit] & np.isfinite(distances[hit])
         changed = np.zeros(len(points), dtype=bool)
-        changed[hit] = ~alive[hit, : self.count].all(axis=1)
-        near = (np.cumsum(kept) - 1)[near]
+        changed[hit] = ~alive[:, : self.count].all(axis=1)
+        near = np.take(np.cumsum(kept) - 1, near)
         # What is left comes first, in its order.
-        order = np.argsort(~alive[hit], axis=1, kind="stable")
-        there = np.take_along_axis(alive[hit], order, axis=1)
+        order = np.argsort(~alive, axis=1, kind="stable")
+        there = np.take_along_axis(alive, order, axis=1)
         distances[hit] = np.where(there, np.take_along_axis(distances[hit], order, axis=1), np.inf)
         near[hit] = np.where(there, np.take_along_axis(near[hit], order, axis=1), hit[:, None])
         if len(short := hit[there.sum(axis=1) < count]):

@@ -6,7 +6,7 @@ millimetres between them) is told apart by normals, never by distance alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -61,6 +61,10 @@ class Surface:
     def neighbours(self) -> Neighbours:
         """Of the points, NEIGHBOURS of each."""
         return Neighbours.of(self.points, NEIGHBOURS) if self.known is None else self.known
+
+    def at(self, points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> Surface:
+        """The surface after a motion that took its points and normals there."""
+        return Surface(points, normals, self.spacing, None if self.known is None else replace(self.known, points=points))
 
     def select(self, mask: Bool[np.ndarray, " n"]) -> Surface:
         """The part of it under the mask."""
@@ -126,10 +130,7 @@ def links(surface: Surface, count: int = LINKS) -> sparse.csr_array:
     width = min(count + 1, len(normals))
     near, lengths = known.near[:, 1:width], known.distances[:, 1:width]
     kept = (lengths <= REACH * surface.spacing) & (_cosines(normals, near) >= FACING)
-    starts = np.append(0, np.cumsum(kept.sum(axis=1)))
-    # A zero would be no link.
-    content = (np.maximum(lengths[kept], 1e-9), near[kept].astype(np.int32), starts.astype(np.int32))
-    graph = sparse.csr_array(content, shape=(len(normals), len(normals)))
+    graph = _graph(np.maximum(lengths, 1e-9), near, kept)  # a zero would be no link
     return graph.maximum(graph.T).tocsr()
 
 
@@ -202,6 +203,18 @@ def _floats(away: Float[np.ndarray, " n"], distances: Float[np.ndarray, "n k"]) 
     return (away > WIDTH * noise) & (away > 0.5 * np.median(distances[:, 4]))
 
 
+def _graph(
+    weights: Float[np.ndarray, "n k"], near: Int[np.ndarray, "n k"], kept: Bool[np.ndarray, "n k"] | None = None
+) -> sparse.csr_array:
+    """The directed graph from each point to its neighbours, or to those of them that are kept."""
+    n, count = near.shape
+    if kept is None:
+        starts, weights, near = np.arange(0, n * count + 1, count), weights.ravel(), near.ravel()
+    else:
+        starts, weights, near = np.append(0, np.cumsum(kept.sum(axis=1))), weights[kept], near[kept]
+    return sparse.csr_array((weights, near.astype(np.int32), starts.astype(np.int32)), shape=(n, n))
+
+
 def _cosines(normals: Float[np.ndarray, "n 3"], near: Int[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
     """Between each point's normal and those of its neighbours."""
     total = np.zeros(near.shape)
@@ -227,12 +240,14 @@ def _one_side(
     lengths = distances[:, 1:]
     # Length counts as well: among equals the nearer neighbour is the better witness.
     cost = 1 - np.abs(cosines) + 0.02 * lengths / max(float(np.median(lengths)), 1e-12) + 1e-9
-    n, count = cost.shape
-    content = (cost.ravel(), near[:, 1:].ravel().astype(np.int32), np.arange(0, n * count + 1, count, dtype=np.int32))
-    tree = csgraph.minimum_spanning_tree(sparse.csr_array(content, shape=(n, n)))
+    _, label = csgraph.connected_components(_graph(cost[:, :LINKS], near[:, 1 : LINKS + 1]), directed=False)
+    # Farther neighbours count where the nearest do not hang together.
+    wanted = label[near[:, 1:]] != label[:, None]
+    wanted[:, :LINKS] = True
+    tree = csgraph.minimum_spanning_tree(_graph(cost, near[:, 1:], wanted))
     tree = (tree + tree.T).tocsr()
     parts, label = csgraph.connected_components(tree, directed=False)
-    before = np.arange(n)
+    before = np.arange(len(normals))
     for root in np.unique(label, return_index=True)[1]:
         order, leads = csgraph.breadth_first_order(tree, root, directed=False)
         before[order[1:]] = leads[order[1:]]
