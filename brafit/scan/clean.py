@@ -23,7 +23,7 @@ SURPLUS, SLACK = 1.2, 1.25
 taken out of: the means of neighbouring voxels can lie close together."""
 DENSE = 32_000
 """More points than this about a breast say nothing more about it: they are averaged in voxels first."""
-SCATTER_PLACES, SCATTER_RADIUS = 400, 6.0
+SCATTER_PLACES, SCATTER_RADIUS = 1000, 6.0
 """Places at which noise is measured, and the radius (mm) of the plane about each."""
 LONELY = 3.0
 """A point whose neighbours are so many times as far away as is usual is on no surface."""
@@ -137,13 +137,14 @@ def tidy(
         neighbours: the number of neighbours for that.
         dense: clouds of more points are averaged in voxels first, if they have no flag.
     """
-    points, flag, counts = _distinct_flagged(points, inside)
+    points, flag, duplicates = _distinct_flagged(points, inside)
+    counts = {"duplicates": duplicates, "thinned": 0}
     if inside is None and len(points) > dense:
         distinct_points = len(points)
         points = averaged(points, dense)
         flag, counts["thinned"] = np.ones(len(points), dtype=bool), distinct_points - len(points)
     if outliers is None or len(points) <= NEIGHBOURS:
-        return Tidy(points, flag, None, **counts)
+        return Tidy(points, flag, None, counts["duplicates"], thinned=counts["thinned"])
     kept = inliers(points, neighbours, outliers)
     known = Neighbours.of(points[kept], max(NEIGHBOURS, neighbours + 1))
     alone = lonely(known, neighbours)
@@ -178,11 +179,10 @@ def _new(points: np.ndarray) -> Bool[np.ndarray, " n"]:
     return new
 
 
-def _distinct_flagged(
-    points: np.ndarray, inside: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
+def _distinct_flagged(points: np.ndarray, inside: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, int]:
     """Sorted distinct points, whether they are inside, and how many repeated another. A point is inside if one of its
-    repetitions is."""
+    repetitions is.
+    """
     order = np.lexsort(points.T[::-1])
     points = points[order]
     new = _new(points)
@@ -190,7 +190,7 @@ def _distinct_flagged(
     flag = np.ones(int(new.sum()), dtype=bool)
     if inside is not None:
         flag = np.bincount(group, weights=inside[order], minlength=len(flag)) > 0
-    return points[new], flag, {"duplicates": int((~new).sum())}
+    return points[new], flag, int((~new).sum())
 
 
 def finish(
@@ -235,9 +235,9 @@ def finish(
 
 
 def _scatter(surface: Surface, breast: np.ndarray) -> float:
-    level = places = breast[:: max(1, len(breast) // SCATTER_PLACES)]
-    for _ in range(4):  # the points nearest to a stray one share its error: step by step towards the middle
-        level, _ = settle(surface, level, max(SCATTER_RADIUS, 3 * surface.spacing))
+    places = breast[:: max(1, len(breast) // SCATTER_PLACES)]
+    # The points nearest to a stray one share its error: step by step towards the middle.
+    level, _ = settle(surface, places, max(SCATTER_RADIUS, 3 * surface.spacing), rounds=4)
     return float(np.sqrt(np.mean(((places - level) ** 2).sum(axis=1))))
 
 

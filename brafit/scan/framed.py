@@ -127,11 +127,11 @@ def _body_and_apex(marked: Marked, marks: Landmarks) -> tuple[Body, np.ndarray]:
         front = apex - middle
         front = front - (front @ below) / (below @ below) * below
         return body_from_marks(np.stack([inner, outer]), below, front, marks.side), apex
-    if not marked.is_torso:
+    if not marked.whole.is_torso:
         remedy = "Give wire, or landmarks inner_end, outer_end, apex and strap_point; or scan the whole torso"
         raise InputError(marks.path, "wire: missing, and the cloud is no torso in which to find it", remedy)
     points = marked.cloud.points
-    body = body_of(points)
+    body = body_of(points, marked.whole.mirror)
     return body, apex_of(points, body, marks.side) if apex is None else apex
 
 

@@ -1,5 +1,4 @@
-"""A cloud with the marks of its breasts: read or proposed, both brought to millimetres, and for a side that is not marked
-carried over from the other."""
+"""A cloud with the marks of its breasts, in millimetres: read, proposed, or carried over from the other side."""
 
 from __future__ import annotations
 
@@ -24,28 +23,40 @@ SIDES_APART = 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class Marked:
-    """A cloud and its marks, in millimetres.
-
-    Attributes:
-        cloud: the whole scan.
-        breasts: the marks of one breast or both; the first is the one that is meant if no side is named.
-        units: of the files.
-    """
+class Whole:
+    """A whole scan, in millimetres, and what is known of it as a body."""
 
     cloud: Cloud
-    breasts: tuple[Landmarks, ...]
-    units: Units
 
     @cached_property
     def is_torso(self) -> bool:
-        """Whether the cloud is large enough for a body with two sides."""
+        """Whether it is large enough for a body with two sides."""
         return float(np.linalg.norm(np.ptp(self.cloud.points, axis=0))) >= TORSO_SIZE
 
     @cached_property
     def mirror(self) -> Mirror:
         """The plane between left and right."""
         return mirror_of(self.cloud.points)
+
+
+@dataclass(frozen=True, eq=False)
+class Marked:
+    """A scan and its marks, in millimetres.
+
+    Attributes:
+        whole: the scan.
+        breasts: the marks of one breast or both; the first is the one that is meant if no side is named.
+        units: of the files.
+    """
+
+    whole: Whole
+    breasts: tuple[Landmarks, ...]
+    units: Units
+
+    @property
+    def cloud(self) -> Cloud:
+        """All points of the scan."""
+        return self.whole.cloud
 
     def of(self, side: str | None) -> tuple[Landmarks, str]:
         """The marks of a side (None: the first), and where they are from: `given`, `proposed` or `mirrored`.
@@ -59,13 +70,13 @@ class Marked:
         return self._mirrored(self.breasts[0], str(side)), "mirrored"
 
     def _mirrored(self, marks: Landmarks, side: str) -> Landmarks:
-        if not self.is_torso:
+        if not self.whole.is_torso:
             cause = f"side={side}: it marks the {marks.side} breast, and the cloud is no whole torso"
             remedy = f"Set scan.side={marks.side}, or scan.side=null for what each file marks"
             raise InputError(marks.path, cause, remedy)
-        flipped = marks.mapped(self.mirror, side=side)
+        flipped = marks.mapped(self.whole.mirror, side=side)
         away = float(np.median(np.linalg.norm(flipped.positions() - marks.positions(), axis=1)))
-        if self.mirror.rms > MIRROR_RMS or away < SIDES_APART:
+        if self.whole.mirror.rms > MIRROR_RMS or away < SIDES_APART:
             symmetric = "the body is not symmetric enough to mirror it"
             cause = f"side={side}: it marks the {marks.side} breast only, and {symmetric}"
             raise InputError(marks.path, cause, f"Add the {side} breast to the landmark file: breasts: [...]")
@@ -94,9 +105,9 @@ def with_marks(raw: Cloud, path: Path, units: str | None, propose: bool) -> Mark
         remedy = f"Write {path.name} (brafit-inspect proposes one), or set scan.propose=true"
         raise InputError(raw.path, f"no landmark file {path.name} beside the cloud", remedy)
     unit = units or body_unit(raw.path, raw.points)
-    marked = Marked(_scaled(raw, unit), (), Units(unit, unit, "" if units else "the depth of the body"))
-    proposed = Marked(marked.cloud, tuple(proposed_landmarks(raw.path, marked.cloud.points)), marked.units)
-    return proposed
+    whole = _scaled(raw, unit)
+    proposed = proposed_landmarks(raw.path, whole.cloud.points, whole.mirror if whole.is_torso else None)
+    return Marked(whole, tuple(proposed), Units(unit, unit, "" if units else "the depth of the body"))
 
 
 def _given(raw: Cloud, path: Path, units: str | None) -> Marked:
@@ -127,5 +138,5 @@ def _marks_unit(raw: Cloud, breasts: list[Landmarks], said: str | None) -> tuple
     return body_unit(raw.path, raw.points), "the depth of the body"
 
 
-def _scaled(cloud: Cloud, unit: str) -> Cloud:
-    return cloud if unit == "mm" else replace(cloud, points=cloud.points * MILLIMETRES[unit])
+def _scaled(cloud: Cloud, unit: str) -> Whole:
+    return Whole(cloud if unit == "mm" else replace(cloud, points=cloud.points * MILLIMETRES[unit]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -31,8 +32,7 @@ class Neighbours:
     def of(points: Float[np.ndarray, "n 3"], count: int) -> Neighbours:
         """The neighbours in a cloud; `count` or all points, if there are fewer."""
         wanted = min(count + SPARE, len(points))
-        distances, near = KDTree(points).query(points, k=np.arange(1, wanted + 1))
-        return Neighbours(points, np.asarray(distances), np.asarray(near), min(count, len(points)))
+        return Neighbours(points, *nearest(KDTree(points), points, wanted), min(count, len(points)))
 
     def among(self, kept: Bool[np.ndarray, " n"]) -> tuple[Neighbours, Bool[np.ndarray, " m"]]:
         """The neighbours in what is left of the cloud, and which of its points have others than before."""
@@ -53,6 +53,18 @@ class Neighbours:
         near[hit] = np.where(there, np.take_along_axis(near[hit], order, axis=1), hit[:, None])
         if len(short := hit[there.sum(axis=1) < count]):
             width = min(near.shape[1], len(points))
-            found = KDTree(points).query(points[short], k=np.arange(1, width + 1))
-            distances[short, :width], near[short, :width] = found
+            distances[short, :width], near[short, :width] = nearest(KDTree(points), points[short], width)
         return Neighbours(points, distances, near, count), changed
+
+
+def nearest(
+    tree: KDTree, places: Float[np.ndarray, "k 3"], count: int, within: float = np.inf
+) -> tuple[Float[np.ndarray, "k count"], Int[np.ndarray, "k count"]]:
+    """Distances and indices of a tree's points nearest to each place, nearest first: one column each, also for one.
+
+    Args:
+        within: what is farther is not looked for: infinite distances, and the number of points as index.
+    """
+    wanted: Any = np.arange(1, count + 1)
+    distances, near = tree.query(places, k=wanted, distance_upper_bound=within)
+    return np.asarray(distances), np.asarray(near)

@@ -1,4 +1,4 @@
-"""The points that a breast is cut out of: its part of a torso, with the other breast's points where the two are alike."""
+"""The points that a breast is cut out of: its part of a torso, and the other breast's where the two are alike."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from brafit.scan.read import MIN_POINTS
 from brafit.scan.symmetry import Mirror, apart
 
 REGION, MARGIN = 0.8, 40.0
-"""What lies farther from the middle of the wire than so many wire lengths, and so many mm farther than the upper line, is
-not looked at. Breasts with their edge lie within 0.62 wire lengths."""
+"""What lies farther from the middle of the wire than so many wire lengths, and so many mm farther than the upper line,
+is not looked at. Breasts with their edge lie within 0.62 wire lengths."""
 OWN = 1.0
 """A place nearer than this (mm) to a point stands for it, after averaging in voxels."""
 DIGITS = 9
-"""Digits after the point that coordinates (mm) keep in the cup frame, so that nothing later depends on the last digits of
-a transformation."""
+"""Digits after the point that coordinates (mm) keep in the cup frame, so that nothing later depends on the last digits
+of a transformation."""
 ALIKE, SKETCH, SKETCHED = 0.5, 4500, 0.6
 """Rms (mm) within which a breast and the other one's mirror image are alike (less than scanners err); about how many
 points of each are compared, and within how many wire lengths from the middle of the wire they lie."""
@@ -97,13 +97,13 @@ class Gathering:
     def _both(self, frame: CupFrame, marks: Landmarks) -> _Both | None:
         """The points of both breasts in the frame of one, if the two are alike."""
         points = self.marked.cloud.points
-        if not (self.symmetry and self.marked.is_torso) or self.marked.mirror.rms > MIRROR_RMS:
+        if not (self.symmetry and self.marked.whole.is_torso) or self.marked.whole.mirror.rms > MIRROR_RMS:
             return None
         region = _Region.of(marks)
-        own, other = region.holds(points), region.mirrored(self.marked.mirror).holds(points)
+        own, other = region.holds(points), region.mirrored(self.marked.whole.mirror).holds(points)
         if other.sum() < MIN_POINTS:
             return None
-        clouds = [_grid(frame.to_cup(points[own])), _grid(frame.to_cup(self.marked.mirror(points[other])))]
+        clouds = [_grid(frame.to_cup(points[own])), _grid(frame.to_cup(self.marked.whole.mirror(points[other])))]
         rms = self._apart(clouds, frame.to_cup(region.middle), region.length)
         if rms >= ALIKE:
             return None
@@ -149,7 +149,7 @@ class _Both:
 
         def moved(points: np.ndarray) -> np.ndarray:
             points = self.frame.to_scan(points)
-            return _grid(breast.frame.to_cup(points if same else marked.mirror(points)))
+            return _grid(breast.frame.to_cup(points if same else marked.whole.mirror(points)))
 
         tidied = self.tidied if same and breast.frame.equals(self.frame) else _moved(self.tidied, moved)
         mine = _grid(breast.frame.to_cup(marked.cloud.points[own]))

@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import KDTree
 
-from brafit.scan.neighbours import Neighbours
+from brafit.scan.neighbours import Neighbours, nearest
 from brafit.scan.planes import distances_off, normals_at
 
 NEIGHBOURS = 24
@@ -64,7 +64,8 @@ class Surface:
 
     def at(self, points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> Surface:
         """The surface after a motion that took its points and normals there."""
-        return Surface(points, normals, self.spacing, None if self.known is None else replace(self.known, points=points))
+        known = None if self.known is None else replace(self.known, points=points)
+        return Surface(points, normals, self.spacing, known)
 
     def select(self, mask: Bool[np.ndarray, " n"]) -> Surface:
         """The part of it under the mask."""
@@ -160,24 +161,31 @@ def nearest_source(
 
 
 def settle(
-    surface: Surface, places: Float[np.ndarray, "k 3"], radius: float
+    surface: Surface, places: Float[np.ndarray, "k 3"], radius: float, rounds: int = 1
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
     """Places drawn onto the surface, and the normals there.
 
     The surface near a place is the plane through the weighted mean of the points within `radius` (or of the 8 nearest,
     where there are fewer), with a bell of that radius as weights. Only points that face as the nearest one does count.
+
+    Args:
+        rounds: drawn so many times, each time to the plane of the same points with weights of the new distances.
     """
     distances, near, radius_of = _within(surface, places, radius)
-    normals = surface.normals[near]
-    alike = np.einsum("nki,ni->nk", normals, normals[:, 0]) > 0
-    weights = np.clip(1 - (distances / (BELL * radius_of[:, None])) ** 2, 0, None) ** 2 * alike
-    weights[:, 0] += 1e-12
-    weights /= weights.sum(axis=1, keepdims=True)
-    centre = np.einsum("nk,nki->ni", weights, surface.points[near])
-    normal = np.einsum("nk,nki->ni", weights, normals)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    height = ((places - centre) * normal).sum(axis=1, keepdims=True)
-    return places - height * normal, normal
+    normals, points = surface.normals[near], surface.points[near]
+    alike = (np.einsum("nki,ni->nk", normals, normals[:, 0]) > 0) & np.isfinite(distances)
+    normal = normals[:, 0]
+    for i in range(rounds):
+        if i:
+            distances = np.linalg.norm(points - places[:, None], axis=2)
+        weights = np.clip(1 - (distances / (BELL * radius_of[:, None])) ** 2, 0, None) ** 2 * alike
+        weights[:, 0] += 1e-12
+        weights /= weights.sum(axis=1, keepdims=True)
+        centre = np.einsum("nk,nki->ni", weights, points)
+        normal = np.einsum("nk,nki->ni", weights, normals)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        places = places - ((places - centre) * normal).sum(axis=1, keepdims=True) * normal
+    return places, normal
 
 
 def _within(
@@ -185,14 +193,12 @@ def _within(
 ) -> tuple[Float[np.ndarray, "k m"], Int[np.ndarray, "k m"], Float[np.ndarray, " k"]]:
     """Distances and indices of the points about each place, filled up by infinite ones, and the radius they lie in."""
     least, most = (min(count, len(surface.points)) for count in (LEAST, MOST))
-    found = surface.tree.query(places, k=np.arange(1, most + 1), distance_upper_bound=BELL * radius)
-    distances, near = (np.asarray(values) for values in found)
+    distances, near = nearest(surface.tree, places, most, BELL * radius)
     width = max(least, int(np.isfinite(distances).sum(axis=1).max(initial=0)))
     distances, near = distances[:, :width], near[:, :width]
     radius_of = np.full(len(places), radius)
     if len(few := np.flatnonzero(~(distances[:, least - 1] <= radius))):
-        found = surface.tree.query(places[few], k=np.arange(1, least + 1))
-        distances[few, :least], near[few, :least] = found
+        distances[few, :least], near[few, :least] = nearest(surface.tree, places[few], least)
         distances[few, least:] = np.inf
         radius_of[few] = distances[few, least - 1]
     return distances, np.where(np.isfinite(distances), near, 0), radius_of
