@@ -18,7 +18,7 @@ from brafit.scan.crease import Wire, concavity, laid, plainness, trace
 from brafit.scan.crop import facing, neckline_over
 from brafit.scan.landmarks import SIDES, Landmarks, landmarks_path
 from brafit.scan.surface import Surface, settle
-from brafit.scan.symmetry import Mirror, mirror_of
+from brafit.scan.symmetry import mirror_of
 
 WHOLE, COARSE, DENSE = 60_000, 6_000, 24_000
 """Points that are looked at: of the whole body, about a breast for a first look, and for good."""
@@ -94,12 +94,9 @@ class _Breast:
     upper_line: np.ndarray
 
 
-def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"], mirror: Mirror | None = None) -> list[Landmarks]:
+def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Landmarks]:
     """Landmarks of both breasts of a standing torso (mm), marked as proposed: apex, wire and its ends, strap point,
     upper line.
-
-    Args:
-        mirror: the plane between its sides, if that is known.
 
     Raises:
         InputError: it is no torso, or no breast was found.
@@ -108,9 +105,8 @@ def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"], mirror: Mir
     if size < TORSO_SIZE:
         cause = f"is {size:.0f} mm across, which is no whole torso: landmarks can be proposed on a torso only"
         raise InputError(path, cause, f"Write {landmarks_path(path).name} by hand, or scan the whole torso")
-    mirror = mirror_of(points) if mirror is None else mirror
     points = _sketch(points)
-    body = _best(points, mirror)
+    body = _best(points)
     found = [_breast(points, body, side) for side in SIDES]
     return [
         Landmarks(
@@ -151,9 +147,9 @@ def body_from_marks(
     return Body(outwards if side == "left" else -outwards, up, forward, 0.0)
 
 
-def body_of(points: Float[np.ndarray, "n 3"], mirror: Mirror) -> Body:
+def body_of(points: Float[np.ndarray, "n 3"]) -> Body:
     """Axes of a standing torso (mm): of the four ways in which up and front can be, the one that shows breasts best."""
-    return _best(_sketch(points), mirror)
+    return _best(_sketch(points))
 
 
 def _sketch(points: np.ndarray) -> np.ndarray:
@@ -162,12 +158,12 @@ def _sketch(points: np.ndarray) -> np.ndarray:
     return thinned[inliers(thinned, 16, 2.0)]
 
 
-def _best(points: np.ndarray, mirror: Mirror) -> Body:
+def _best(points: np.ndarray) -> Body:
     def shown(body: Body) -> float:
         apex, surface = _apex(points, body, "left", COARSE)
         return plainness(_in_breast_frame(surface, apex, body, "left")) + _wire_above(surface, apex, body)
 
-    return max(_candidates(points, mirror), key=shown)
+    return max(_candidates(points), key=shown)
 
 
 def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
@@ -184,8 +180,9 @@ def _checked(path: Path, found: list[_Breast]) -> list[_Breast]:
     return found
 
 
-def _candidates(points: np.ndarray, mirror: Mirror) -> list[Body]:
+def _candidates(points: np.ndarray) -> list[Body]:
     """Bodies with each choice of up and front."""
+    mirror = mirror_of(points)
     left = mirror.normal
     strip = points[np.abs(points @ left - mirror.offset) < TRUNK]
     strip = strip - np.median(strip, axis=0)

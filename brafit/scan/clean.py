@@ -235,9 +235,9 @@ def finish(
 
 
 def _scatter(surface: Surface, breast: np.ndarray) -> float:
-    places = breast[:: max(1, len(breast) // SCATTER_PLACES)]
-    # The points nearest to a stray one share its error: step by step towards the middle.
-    level, _ = settle(surface, places, max(SCATTER_RADIUS, 3 * surface.spacing), rounds=4)
+    level = places = breast[:: max(1, len(breast) // SCATTER_PLACES)]
+    for _ in range(4):  # the points nearest to a stray one share its error: step by step towards the middle
+        level, _ = settle(surface, level, max(SCATTER_RADIUS, 3 * surface.spacing))
     return float(np.sqrt(np.mean(((places - level) ** 2).sum(axis=1))))
 
 

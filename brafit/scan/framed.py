@@ -131,7 +131,7 @@ def _body_and_apex(marked: Marked, marks: Landmarks) -> tuple[Body, np.ndarray]:
         remedy = "Give wire, or landmarks inner_end, outer_end, apex and strap_point; or scan the whole torso"
         raise InputError(marks.path, "wire: missing, and the cloud is no torso in which to find it", remedy)
     points = marked.cloud.points
-    body = body_of(points, marked.whole.mirror)
+    body = body_of(points)
     return body, apex_of(points, body, marks.side) if apex is None else apex
 
 

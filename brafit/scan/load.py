@@ -23,7 +23,7 @@ from brafit.scan.framed import Framed, framed
 from brafit.scan.gaps import Gaps, gaps
 from brafit.scan.landmarks import SIDES, landmarks_path
 from brafit.scan.marked import Marked, origin_of, with_marks
-from brafit.scan.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, read_cloud
+from brafit.scan.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud, read_cloud
 from brafit.scan.region import Gathered, Gathering
 from brafit.scan.surface import surface_of
 from brafit.scan.units import MILLIMETRES, NAMES, Units
@@ -118,11 +118,12 @@ class Bounded:
     curve: Float[np.ndarray, "c 3"] | None
 
 
-def load_scan(path: str | Path, *, side: str | None = None, **settings: Any) -> Scan:
+def load_scan(path: str | Path | Cloud, *, side: str | None = None, **settings: Any) -> Scan:
     """Load a cloud and the landmark file beside it: one breast.
 
     Args:
-        path: the cloud; its landmark file has the same stem and the extension `.json`.
+        path: the cloud's file, or the cloud where it has been read; its landmark file has the same stem and the
+            extension `.json`.
         side: the breast to take, `left` or `right`; None: the one that the landmark file marks (first). One that it
             does not mark gets the other's marks, mirrored at the body's plane of symmetry.
         settings: see `load_sides`.
@@ -139,7 +140,7 @@ def load_scan(path: str | Path, *, side: str | None = None, **settings: Any) -> 
 
 
 def load_sides(
-    path: str | Path,
+    path: str | Path | Cloud,
     sides: Sequence[str | None] = SIDES,
     *,
     points: int | None = 2000,
@@ -159,8 +160,7 @@ def load_sides(
     """Load breasts of one cloud: it is read once, and what both sides need is found once.
 
     Args:
-        path: the cloud; its landmark file has the same stem and the extension `.json`.
-        sides: the breasts to take, see `load_scan`.
+        path, sides: see `load_scan`; the breasts to take.
         points, outliers, neighbours: see `brafit.scan.clean` (there `points` is `count`).
         name: name of the scans; the file's stem if None.
         units: unit of cloud and landmark file, one of `brafit.scan.units.MILLIMETRES`; None: what the landmark file
@@ -181,7 +181,8 @@ def load_sides(
         ConfigError: a setting out of its range.
         Open3DError: Open3D cannot be imported.
     """
-    path = Path(path)
+    given = path if isinstance(path, Cloud) else None
+    path = path.path if isinstance(path, Cloud) else Path(path)
     check_settings(points, outliers, neighbours)
     for side in sides:
         _check_choice("side", side, SIDES)
@@ -190,7 +191,9 @@ def load_sides(
         wire_size(wire)
     marks_file = landmarks_path(path) if landmarks is None else Path(landmarks)
     try:
-        raw = read_cloud(path, seconds=read_seconds, mesh_points=mesh_points, apart=apart)
+        raw = given
+        if raw is None:
+            raw = read_cloud(path, seconds=read_seconds, mesh_points=mesh_points, apart=apart)
         marked = with_marks(raw, marks_file, units, propose)
     except InputError as error:
         return [error] * len(sides)

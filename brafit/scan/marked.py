@@ -106,7 +106,7 @@ def with_marks(raw: Cloud, path: Path, units: str | None, propose: bool) -> Mark
         raise InputError(raw.path, f"no landmark file {path.name} beside the cloud", remedy)
     unit = units or body_unit(raw.path, raw.points)
     whole = _scaled(raw, unit)
-    proposed = proposed_landmarks(raw.path, whole.cloud.points, whole.mirror if whole.is_torso else None)
+    proposed = proposed_landmarks(raw.path, whole.cloud.points)
     return Marked(whole, tuple(proposed), Units(unit, unit, "" if units else "the depth of the body"))
 
 

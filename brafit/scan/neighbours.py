@@ -1,4 +1,4 @@
-"""The nearest neighbours of every point of a cloud, kept up to date while points are taken out of it."""
+"""Nearest points: of every point of a cloud, kept up to date while points are taken out of it, and of a few places."""
 
 from __future__ import annotations
 
@@ -68,3 +68,18 @@ def nearest(
     wanted: Any = np.arange(1, count + 1)
     distances, near = tree.query(places, k=wanted, distance_upper_bound=within)
     return np.asarray(distances), np.asarray(near)
+
+
+def distances_to(
+    points: Float[np.ndarray, "n 3"], places: Float[np.ndarray, "k 3"], reach: float
+) -> Float[np.ndarray, " k"]:
+    """Distances of a few places from a cloud; infinite for those farther than `reach`.
+
+    Only the points in the places' box are looked at, so that no tree of the whole cloud is made.
+    """
+    low, high = places.min(axis=0) - reach, places.max(axis=0) + reach
+    near = points[((points >= low) & (points <= high)).all(axis=1)]
+    if not len(near):
+        return np.full(len(places), np.inf)
+    tree = KDTree(near, balanced_tree=False, compact_nodes=False)
+    return np.asarray(tree.query(places, distance_upper_bound=reach)[0])

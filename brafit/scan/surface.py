@@ -161,31 +161,24 @@ def nearest_source(
 
 
 def settle(
-    surface: Surface, places: Float[np.ndarray, "k 3"], radius: float, rounds: int = 1
+    surface: Surface, places: Float[np.ndarray, "k 3"], radius: float
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
     """Places drawn onto the surface, and the normals there.
 
     The surface near a place is the plane through the weighted mean of the points within `radius` (or of the 8 nearest,
     where there are fewer), with a bell of that radius as weights. Only points that face as the nearest one does count.
-
-    Args:
-        rounds: drawn so many times, each time to the plane of the same points with weights of the new distances.
     """
     distances, near, radius_of = _within(surface, places, radius)
-    normals, points = surface.normals[near], surface.points[near]
-    alike = (np.einsum("nki,ni->nk", normals, normals[:, 0]) > 0) & np.isfinite(distances)
-    normal = normals[:, 0]
-    for i in range(rounds):
-        if i:
-            distances = np.linalg.norm(points - places[:, None], axis=2)
-        weights = np.clip(1 - (distances / (BELL * radius_of[:, None])) ** 2, 0, None) ** 2 * alike
-        weights[:, 0] += 1e-12
-        weights /= weights.sum(axis=1, keepdims=True)
-        centre = np.einsum("nk,nki->ni", weights, points)
-        normal = np.einsum("nk,nki->ni", weights, normals)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        places = places - ((places - centre) * normal).sum(axis=1, keepdims=True) * normal
-    return places, normal
+    normals = surface.normals[near]
+    alike = np.einsum("nki,ni->nk", normals, normals[:, 0]) > 0
+    weights = np.clip(1 - (distances / (BELL * radius_of[:, None])) ** 2, 0, None) ** 2 * alike
+    weights[:, 0] += 1e-12
+    weights /= weights.sum(axis=1, keepdims=True)
+    centre = np.einsum("nk,nki->ni", weights, surface.points[near])
+    normal = np.einsum("nk,nki->ni", weights, normals)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    height = ((places - centre) * normal).sum(axis=1, keepdims=True)
+    return places - height * normal, normal
 
 
 def _within(
