@@ -18,12 +18,13 @@ from brafit.atomic import write_text
 from brafit.errors import BrafitError, InputError
 from brafit.scan import (
     FORMATS,
+    Cloud,
     Landmarks,
     Scan,
     find_scans,
     landmarks_path,
     landmarks_text,
-    load_scan,
+    load_sides,
     proposed_landmarks,
     read_breasts,
     read_cloud,
@@ -76,17 +77,18 @@ def inspect_scan(
 
     given = landmarks_path(path).is_file()
     marks_file = landmarks_path(path) if given else out / f"{name}.json"
+    cloud = read_cloud(path)
     if not given:
-        write_text(marks_file, landmarks_text(_proposed(path, units)))
+        write_text(marks_file, landmarks_text(_proposed(cloud, units)))
     marked = [marks.side for marks in read_breasts(marks_file)]
     sides = {"both": ["left", "right"], None: marked}.get(side, [str(side)])
-    scans = [load_scan(path, name=name, side=one, units=units, wire=wire, landmarks=marks_file) for one in sides]
+    scans = _loaded(load_sides(cloud, sides, name=name, units=units, wire=wire, landmarks=marks_file))
     if given:
         write_text(out / f"{name}.json", landmarks_text([_landmarks(scan, units) for scan in scans]))
     elif beside:
         write_text(landmarks_path(path), marks_file.read_text(encoding="utf-8"))
     for scan in scans:
-        save_figure(_figure(scan), out / f"{name}_{scan.side}.png", dpi=110)
+        save_figure(_figure(scan, cloud), out / f"{name}_{scan.side}.png", dpi=110)
     found = "; ".join(f"{scan.side}: {_facts(scan)[0]}" for scan in scans)
     return f"{name}: {found} -> {out / name}_*.png"
 
@@ -114,11 +116,17 @@ def _paths(entries: Sequence[str]) -> list[Path]:
     return find_scans(found)
 
 
-def _proposed(path: Path, units: str | None) -> list[Landmarks]:
-    cloud = read_cloud(path)
-    unit = units or body_unit(path, cloud.points)
+def _loaded(scans: Sequence[Scan | InputError]) -> list[Scan]:
+    """The scans; the first error is raised."""
+    if error := next((scan for scan in scans if isinstance(scan, InputError)), None):
+        raise error
+    return [scan for scan in scans if isinstance(scan, Scan)]
+
+
+def _proposed(cloud: Cloud, units: str | None) -> list[Landmarks]:
+    unit = units or body_unit(cloud.path, cloud.points)
     factor = MILLIMETRES[unit]
-    found = proposed_landmarks(path, cloud.points * factor)
+    found = proposed_landmarks(cloud.path, cloud.points * factor)
     return [marks.mapped(lambda points: points / factor, units=unit) for marks in found]
 
 
@@ -172,14 +180,14 @@ def _facts(scan: Scan) -> list[str]:
     ]
 
 
-def _figure(scan: Scan):
+def _figure(scan: Scan, cloud: Cloud):
     from brafit.report.inspection import inspection_figure
 
-    cloud = scan.frame.to_cup(read_cloud(scan.path).points * MILLIMETRES[scan.units.cloud])
+    body = scan.frame.to_cup(cloud.points * MILLIMETRES[scan.units.cloud])
     lines = {"wire": scan.wire} | ({} if scan.neckline is None else {"neckline": scan.neckline})
     marks = {"inner_end": scan.wire[0], "outer_end": scan.wire[-1], **_marks(scan)}
     title = f"{scan.name}, {scan.side} breast"
-    clouds = {"rest": cloud, "cup": scan.dense, "assumed": scan.assumed, "removed": scan.removed}
+    clouds = {"rest": body, "cup": scan.dense, "assumed": scan.assumed, "removed": scan.removed}
     return inspection_figure(clouds, lines, marks, title, "\n".join(_facts(scan)), _origins(scan))
 
 

@@ -6,7 +6,7 @@ from brafit.scan.coverage import point_weights, uncovered_share
 from brafit.scan.find import find_scans, passed_over, scan_names
 from brafit.scan.frame import CupFrame
 from brafit.scan.landmarks import Landmarks, landmarks_path, landmarks_text, read_breasts, read_landmarks
-from brafit.scan.load import Origin, Scan, load_scan
+from brafit.scan.load import Origin, Scan, load_scan, load_sides
 from brafit.scan.read import FORMATS, Cloud, read_cloud
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "landmarks_path",
     "landmarks_text",
     "load_scan",
+    "load_sides",
     "passed_over",
     "point_weights",
     "proposed_landmarks",

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
 from brafit.errors import InputError
 from brafit.geometry.polyline import evenly_spaced
 from brafit.scan.clean import averaged, inliers, tidy
-from brafit.scan.crease import Wire, concavity, laid, trace
+from brafit.scan.crease import Wire, concavity, laid, plainness, trace
 from brafit.scan.crop import facing, neckline_over
 from brafit.scan.landmarks import SIDES, Landmarks, landmarks_path
 from brafit.scan.surface import Surface, settle
@@ -160,19 +159,18 @@ def _sketch(points: np.ndarray) -> np.ndarray:
 
 
 def _best(points: np.ndarray) -> Body:
-    def plainness(body: Body) -> float:
+    def shown(body: Body) -> float:
         apex, surface = _apex(points, body, "left", COARSE)
-        return _wire(surface, apex, body, "left").hollow + _wire_above(surface, apex, body)
+        return plainness(_in_breast_frame(surface, apex, body, "left")) + _wire_above(surface, apex, body)
 
-    return max(_candidates(points), key=plainness)
+    return max(_candidates(points), key=shown)
 
 
 def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
     """Less, the hollower it is above the breast instead of below it: mean concavity there, negative."""
-    hollow = concavity(surface, 14.0)
     away = surface.points - apex
     above = (away @ body.up > 40) & (away @ body.up < 90) & (np.abs(away @ body.left) < 40)
-    return -float(np.clip(hollow[above], 0, None).mean()) if above.any() else -1.0
+    return -float(np.clip(concavity(surface, 14.0, np.flatnonzero(above)), 0, None).mean()) if above.any() else -1.0
 
 
 def _checked(path: Path, found: list[_Breast]) -> list[_Breast]:
@@ -241,20 +239,26 @@ def _apex(points: np.ndarray, body: Body, side: str, dense: int = DENSE) -> tupl
     reach = candidate @ direction
     apex = np.median(candidate[reach > np.quantile(reach, 0.9995) - CAP], axis=0)
     surface = _about(points, apex, body.front, dense)
-    crowd = KDTree(surface.points).query_ball_point(surface.points, max(8.0, 3 * surface.spacing), return_length=True)
-    area = 1 / np.maximum(crowd, 4)
     reach = surface.points @ direction
+
+    def about(apex: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The points near the apex, and the area that each stands for."""
+        near = np.flatnonzero(((surface.points - apex) ** 2).sum(axis=1) < ABOUT**2)
+        crowd = surface.tree.query_ball_point(surface.points[near], max(8.0, 3 * surface.spacing), return_length=True)
+        return near, 1 / np.maximum(crowd, 4)
+
+    near, area = about(apex)
     for _ in range(3):
-        near = np.linalg.norm(surface.points - apex, axis=1) < ABOUT
-        if near.sum() < 20:
+        if len(near) < 20:
             break
         behind = np.clip(np.quantile(reach[near], 0.99) - reach[near], 0, None)
-        apex = np.average(surface.points[near], axis=0, weights=area[near] * np.exp(-((behind / CAP) ** 2)))
-    near = np.linalg.norm(surface.points - apex, axis=1) < ABOUT
-    if near.any():
-        convex = np.clip(-concavity(surface, max(SCALE, 3 * surface.spacing)) - CONVEX, LEAST, None)[near]
+        apex = np.average(surface.points[near], axis=0, weights=area * np.exp(-((behind / CAP) ** 2)))
+        near, area = about(apex)
+    if len(near):
+        convex = -concavity(surface, max(SCALE, 3 * surface.spacing), near)
         away = np.linalg.norm(surface.points[near] - apex, axis=1) / AREOLA
-        apex = np.average(surface.points[near], axis=0, weights=area[near] * convex * np.exp(-(away**2) / 2))
+        weights = area * np.clip(convex - CONVEX, LEAST, None) * np.exp(-(away**2) / 2)
+        apex = np.average(surface.points[near], axis=0, weights=weights)
     return settle(surface, apex[None], max(6.0, 2 * surface.spacing))[0][0], surface
 
 
@@ -282,9 +286,13 @@ def _nudged(surface: Surface, apex: np.ndarray, wire: np.ndarray, body: Body, si
 def _wire(surface: Surface, apex: np.ndarray, body: Body, side: str, ends: np.ndarray | None = None) -> Wire:
     """The wire found, in the scan's frame."""
     axes = body.breast_axes(side)
-    local = Surface((surface.points - apex) @ axes.T, surface.normals @ axes.T, surface.spacing)
-    found = trace(local, None if ends is None else (ends - apex) @ axes.T)
+    found = trace(_in_breast_frame(surface, apex, body, side), None if ends is None else (ends - apex) @ axes.T)
     return Wire(found.wire @ axes + apex, found.guessed, found.hollow)
+
+
+def _in_breast_frame(surface: Surface, apex: np.ndarray, body: Body, side: str) -> Surface:
+    axes = body.breast_axes(side)
+    return surface.at((surface.points - apex) @ axes.T, surface.normals @ axes.T)
 
 
 def wire_about(
@@ -308,8 +316,7 @@ def wire_laid(
 ) -> Wire:
     """A rigid planar wire (depth below its chord, place along it) laid best under this apex (scan's frame, mm)."""
     surface, axes = _about(points, apex, body.front, DENSE), body.breast_axes(side)
-    local = Surface((surface.points - apex) @ axes.T, surface.normals @ axes.T, surface.spacing)
-    found = laid(local, arc, None if ends is None else (ends - apex) @ axes.T)
+    found = laid(_in_breast_frame(surface, apex, body, side), arc, None if ends is None else (ends - apex) @ axes.T)
     return Wire(found.wire @ axes + apex, found.guessed, found.hollow)
 
 
@@ -354,7 +361,7 @@ def _strap(
         aside = np.linalg.norm(away - ahead[:, None] * front, axis=1)
         ray = (aside < max(8.0, 3 * surface.spacing)) & (surface.normals @ front > 0)
         if not ray.any():
-            return surface.points[KDTree(surface.points).query(place)[1]]
+            return surface.points[surface.tree.query(place)[1]]
         step = np.median(ahead[ray][ahead[ray] > ahead[ray].max() - 8.0]) * front
         # Along the plane, then back to the height within it.
         place = place + step - (step @ body.up) / (way @ body.up) * way

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import KDTree
 
 from brafit.errors import InputError
 from brafit.scan.landmarks import POINT_NAMES, Landmarks
+from brafit.scan.neighbours import distances_to
 from brafit.scan.read import FLAG, MIN_POINTS, Cloud
 from brafit.scan.units import NAMES, WIRE_USUAL, unit_of
 
@@ -80,17 +80,22 @@ def _check_cloud_size(file: Path, points: np.ndarray, length: float) -> None:
 
 
 def _check_distances(landmarks: Landmarks, cloud: Cloud) -> None:
-    tree = KDTree(cloud.points)
     remedy = f"Check that the landmark file belongs to {cloud.path.name} and is in the same frame"
-    for name, line in (("wire", landmarks.wire), ("upper_line", landmarks.upper_line)):
-        away = 0.0 if line is None else float(np.median(tree.query(line)[0]))
-        if away > WIRE_DISTANCE:
-            raise InputError(landmarks.path, f"{name}: nowhere near the cloud, {away:.0f} mm away from it", remedy)
-    for name in POINT_NAMES:
-        if name in landmarks.points:
-            away = float(tree.query(landmarks.points[name])[0])
-            if away > MARK_DISTANCE:
-                raise InputError(landmarks.path, f"landmarks.{name}: {away:.0f} mm away from the cloud", remedy)
+    lines = {"wire": landmarks.wire, "upper_line": landmarks.upper_line}
+    marks = {f"landmarks.{name}": landmarks.points[name][None] for name in POINT_NAMES if name in landmarks.points}
+    given = {name: line for name, line in lines.items() if line is not None} | marks
+    if not given:
+        return
+    places = np.concatenate(list(given.values()))
+    ends = np.cumsum([len(line) for line in given.values()])[:-1]
+    for name, away in zip(given, np.split(distances_to(cloud.points, places, MARK_DISTANCE), ends), strict=True):
+        limit = WIRE_DISTANCE if name in lines else MARK_DISTANCE
+        if np.median(away) > limit:
+            far = float(np.median(distances_to(cloud.points, given[name], np.inf)))
+            where = f"{far:.0f} mm away from the cloud"
+            if name in lines:
+                where = f"nowhere near the cloud, {far:.0f} mm away from it"
+            raise InputError(landmarks.path, f"{name}: {where}", remedy)
 
 
 def _check_flag(file: Path, inside: Bool[np.ndarray, " n"]) -> None:

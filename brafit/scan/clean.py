@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass, field
+from heapq import heapify, heappop, heappush
 from typing import Any
 
 import numpy as np
@@ -12,12 +15,13 @@ from scipy.spatial import KDTree
 from brafit.errors import ConfigError
 from brafit.scan.crop import crop
 from brafit.scan.engine import open3d
-from brafit.scan.surface import NEIGHBOURS, Surface, links, off_surface, parts, settle, surface_of
+from brafit.scan.neighbours import Neighbours
+from brafit.scan.surface import NEIGHBOURS, Surface, links, on_surface, parts, settle, surface_of
 
 SURPLUS, SLACK = 1.2, 1.25
 """Occupied voxels, over the points wanted: what is aimed at and what will do. The excess is what crowded points are
 taken out of: the means of neighbouring voxels can lie close together."""
-DENSE = 60_000
+DENSE = 32_000
 """More points than this about a breast say nothing more about it: they are averaged in voxels first."""
 SCATTER_PLACES, SCATTER_RADIUS = 1000, 6.0
 """Places at which noise is measured, and the radius (mm) of the plane about each."""
@@ -133,41 +137,60 @@ def tidy(
         neighbours: the number of neighbours for that.
         dense: clouds of more points are averaged in voxels first, if they have no flag.
     """
-    flag = np.ones(len(points), dtype=bool) if inside is None else inside
-    order = np.lexsort((flag, *points.T[::-1]))
-    points, flag = points[order], flag[order]
-    new = np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1)) if len(points) else np.zeros(0, dtype=bool)
-    # Of doubles with different flags the first is the one flagged 0; the point counts as inside if one of them does.
-    group = np.cumsum(new) - 1
-    flag = np.bincount(group, weights=flag) > 0 if len(points) else flag
-    points, counts = points[new], {"duplicates": int((~new).sum()), "thinned": 0}
+    points, flag, duplicates = _distinct_flagged(points, inside)
+    counts = {"duplicates": duplicates, "thinned": 0}
     if inside is None and len(points) > dense:
-        distinct = len(points)
+        distinct_points = len(points)
         points = averaged(points, dense)
-        flag, counts["thinned"] = np.ones(len(points), dtype=bool), distinct - len(points)
+        flag, counts["thinned"] = np.ones(len(points), dtype=bool), distinct_points - len(points)
     if outliers is None or len(points) <= NEIGHBOURS:
-        return Tidy(points, flag, None, duplicates=counts["duplicates"], thinned=counts["thinned"])
+        return Tidy(points, flag, None, counts["duplicates"], thinned=counts["thinned"])
     kept = inliers(points, neighbours, outliers)
-    kept[kept] = ~lonely(points[kept], neighbours)
-    removed = [points[~kept]]
-    points, flag, counts["outliers"] = points[kept], flag[kept], int((~kept).sum())
-    # A few rounds: what floats beside the surface also spoils the planes of its neighbours.
-    counts["off_surface"] = 0
-    for _ in range(3):
-        off = off_surface(points)
-        counts["off_surface"] += int(off.sum())
-        removed.append(points[off])
-        points, flag = points[~off], flag[~off]
-        if off.sum() <= len(off) // 500:
-            break
+    known = Neighbours.of(points[kept], max(NEIGHBOURS, neighbours + 1))
+    alone = lonely(known, neighbours)
+    known, _ = known.among(~alone)
+    kept[kept] = ~alone
+    counts["outliers"], removed = int((~kept).sum()), [points[~kept]]
+    points, flag = points[kept], flag[kept]
+    kept, known = on_surface(known)
+    counts["off_surface"] = int((~kept).sum())
+    removed.append(points[~kept])
+    points, flag = points[kept], flag[kept]
     if len(points) <= NEIGHBOURS:
         return Tidy(points, flag, None, **counts, removed=np.concatenate(removed))
-    surface = surface_of(points, np.array([0.0, 0.0, 1.0]))
+    surface = surface_of(points, np.array([0.0, 0.0, 1.0]), known)
     part, sizes = parts(links(surface))
     kept = sizes[part] >= ISLAND * sizes[0]
     counts["islands"] = int((~kept).sum())
     removed.append(points[~kept])
     return Tidy(points[kept], flag[kept], surface.select(kept), **counts, removed=np.concatenate(removed))
+
+
+def distinct(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 3"]:
+    """The points sorted by x, y, z, each once."""
+    points = points[np.lexsort(points.T[::-1])]
+    return points[_new(points)]
+
+
+def _new(points: np.ndarray) -> Bool[np.ndarray, " n"]:
+    """Which of sorted points differ from the one before."""
+    new = np.ones(len(points), dtype=bool)
+    new[1:] = (points[1:] != points[:-1]).any(axis=1)
+    return new
+
+
+def _distinct_flagged(points: np.ndarray, inside: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, int]:
+    """Sorted distinct points, whether they are inside, and how many repeated another. A point is inside if one of its
+    repetitions is.
+    """
+    order = np.lexsort(points.T[::-1])
+    points = points[order]
+    new = _new(points)
+    group = np.cumsum(new) - 1
+    flag = np.ones(int(new.sum()), dtype=bool)
+    if inside is not None:
+        flag = np.bincount(group, weights=inside[order], minlength=len(flag)) > 0
+    return points[new], flag, int((~new).sum())
 
 
 def finish(
@@ -224,12 +247,15 @@ def inliers(points: Float[np.ndarray, "n 3"], neighbours: int, deviations: float
     return mask.numpy().astype(bool)
 
 
-def lonely(points: Float[np.ndarray, "n 3"], neighbours: int) -> Bool[np.ndarray, " n"]:
+def lonely(known: Neighbours, neighbours: int) -> Bool[np.ndarray, " n"]:
     """Mask of points whose mean distance to their neighbours is LONELY times the median of it.
 
     Where strays are many they spread the statistics by which `inliers` judges; the median stays that of the surface.
+
+    Args:
+        known: the neighbours of each point, at least `neighbours` and itself.
     """
-    distance = np.asarray(KDTree(points).query(points, k=min(neighbours + 1, len(points)))[0])[:, 1:].mean(axis=1)
+    distance = known.distances[:, 1 : min(neighbours + 1, known.count)].mean(axis=1)
     return distance > LONELY * np.median(distance)
 
 
@@ -240,11 +266,12 @@ def thin(points: Float[np.ndarray, "n 3"], count: int | None) -> tuple[Float[np.
     points wanted, and of these the most crowded go (`uncrowd`). So exactly `count` points come back, or all distinct
     ones where there are no more. Sorted; independent of the input's order.
     """
-    points = np.unique(points, axis=0)
+    points = distinct(points)
     if count is None or len(points) <= count:
         return points, 0.0
-    voxel, averaged = _voxel_for(points, count)
-    return averaged[uncrowd(averaged, count)], voxel
+    voxel = _voxel_for(points, count)
+    means = _averaged(points, voxel) if voxel else points
+    return means[uncrowd(means, count)], voxel
 
 
 def uncrowd(points: Float[np.ndarray, "n 3"], count: int) -> Bool[np.ndarray, " n"]:
@@ -255,62 +282,97 @@ def uncrowd(points: Float[np.ndarray, "n 3"], count: int) -> Bool[np.ndarray, " 
     alive = np.ones(len(points), dtype=bool)
     if len(points) <= count:
         return alive
-    distances, near = (np.asarray(found)[:, 1:] for found in KDTree(points).query(points, k=min(17, len(points))))
-    nearest, closest = near[:, 0].copy(), distances[:, 0].copy()
-    for _ in range(len(points) - count):
-        first = int(np.argmin(closest))
-        pair = (first, int(nearest[first]))
-        third = [np.append(distances[k][alive[near[k]]], [np.inf, np.inf])[1] for k in pair]
-        gone = pair[0] if third[0] < third[1] else pair[1]
-        alive[gone], closest[gone] = False, np.inf
-        for k in np.flatnonzero(alive & (nearest == gone)):
-            left = np.flatnonzero(alive[near[k]])
-            # All 16 neighbours gone: so lonely by now that it stays.
-            nearest[k], closest[k] = (near[k, left[0]], distances[k, left[0]]) if len(left) else (-1, np.inf)
-    return alive
+    found = KDTree(points).query(points, k=min(17, len(points)))
+    distances, near = ([row[1:] for row in np.asarray(values).tolist()] for values in found)
+    left = [True] * len(points)
+    # The nearest point that is left of each, and whose nearest a point is.
+    nearest, whose = [row[0] for row in near], [[] for _ in near]
+    for k, other in enumerate(nearest):
+        whose[other].append(k)
+    pairs = [(row[0], k) for k, row in enumerate(distances)]
+    heapify(pairs)
+    excess = len(points) - count
+    while excess:
+        away, first = heappop(pairs)
+        if not left[first] or nearest[first] < 0 or distances[first][near[first].index(nearest[first])] != away:
+            continue  # out of date
+        second = nearest[first]
+        gone = first if _third(first, left, near, distances) < _third(second, left, near, distances) else second
+        left[gone] = False
+        excess -= 1
+        if gone == second:
+            heappush(pairs, (away, first))
+        for k in whose[gone]:
+            if left[k] and nearest[k] == gone:
+                # All 16 neighbours gone: so lonely by now that it stays.
+                place = next((i for i, other in enumerate(near[k]) if left[other]), None)
+                nearest[k] = -1 if place is None else near[k][place]
+                if place is not None:
+                    whose[near[k][place]].append(k)
+                    heappush(pairs, (distances[k][place], k))
+    return np.array(left)
 
 
-def _voxel_for(points: np.ndarray, count: int) -> tuple[float, np.ndarray]:
-    """A voxel edge that leaves some more points than `count`, and these points; 0 and all points if there are few."""
+def _third(k: int, left: list[bool], near: list[list[int]], distances: list[list[float]]) -> float:
+    """Distance of the second of a point's neighbours that are left."""
+    there = (away for away, other in zip(distances[k], near[k], strict=True) if left[other])
+    return next(itertools.islice(there, 1, None), np.inf)
+
+
+def _voxel_for(points: np.ndarray, count: int) -> float:
+    """A voxel edge that leaves some more points than `count`; 0 if there are few."""
     wanted = SURPLUS * count
     if len(points) <= wanted:
-        return 0.0, points
-    cloud = _cloud(points)
+        return 0.0
     coarse = float(np.linalg.norm(np.ptp(points, axis=0)))
-    fine, best = 0.0, points
+    fine = 0.0
     for _ in range(60):
         # Geometric bisection; until a fine enough edge is known, a jump down.
         edge = float(np.sqrt(fine * coarse)) if fine else coarse / 4
-        averaged = _averaged(cloud, edge)
-        if len(averaged) < wanted:
+        occupied = _occupied(points, edge)
+        if occupied < wanted:
             coarse = edge
             continue
-        fine, best = edge, averaged
-        if len(averaged) <= SLACK * count or coarse / fine < 1 + 1e-6:
+        fine = edge
+        if occupied <= SLACK * count or coarse / fine < 1 + 1e-6:
             break
-    return fine, best
+    return fine
 
 
 def averaged(points: Float[np.ndarray, "n 3"], dense: int) -> Float[np.ndarray, "m 3"]:
     """Means of the points in voxels, about `dense` of them; fewer points stay as they are."""
-    return points if len(points) <= dense else _averaged(_cloud(points), _edge_for(points, dense))
+    return points if len(points) <= dense else _averaged(points, _edge_for(points, dense))
 
 
 def _edge_for(points: np.ndarray, dense: int) -> float:
     """Voxel edge that leaves about `dense` points of a surface: from the number at a coarser edge, as areas go; again,
     where strays fill the space and the number does not go with the area.
     """
-    cloud, edge = _cloud(points), float(np.linalg.norm(np.ptp(points, axis=0))) / 60
+    edge = float(np.linalg.norm(np.ptp(points, axis=0))) / 60
     for _ in range(4):
-        occupied = len(_averaged(cloud, edge))
+        occupied = _occupied(points, edge)
         edge *= float(np.sqrt(occupied / dense))
         if occupied > dense / 2:
             break
     return edge
 
 
-def _averaged(cloud: Any, edge: float) -> np.ndarray:
-    return np.unique(cloud.voxel_down_sample(edge).point.positions.numpy(), axis=0)
+def _occupied(points: np.ndarray, edge: float) -> int:
+    """How many points `_averaged` leaves: a search needs no more."""
+    cells = np.floor(points / edge).astype(np.int64)
+    cells -= cells.min(axis=0)
+    sides = [int(side) for side in cells.max(axis=0) + 1]
+    if math.prod(sides) > 2**62:
+        return len(np.unique(cells, axis=0))
+    cells[:, 0] *= sides[1]
+    cells[:, 0] += cells[:, 1]
+    cells[:, 0] *= sides[2]
+    cells[:, 0] += cells[:, 2]
+    return 1 + int(np.count_nonzero(np.diff(np.sort(cells[:, 0]))))
+
+
+def _averaged(points: np.ndarray, edge: float) -> np.ndarray:
+    return distinct(_cloud(points).voxel_down_sample(edge).point.positions.numpy())
 
 
 def _cloud(points: np.ndarray) -> Any:

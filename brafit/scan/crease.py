@@ -11,12 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
-from scipy import ndimage, optimize
+from jaxtyping import Float, Int
+from scipy import ndimage, sparse
 from scipy.spatial import KDTree
 
 from brafit.geometry.polyline import evenly_spaced
 from brafit.scan.fold import folds, rim, smoothed
+from brafit.scan.simplex import minimised
 from brafit.scan.surface import Surface, settle
 
 SHAPE = np.array([
@@ -53,8 +54,10 @@ OFF, BESIDE = 20.0, 5.0
 point, over a hole."""
 PRIOR = 0.006
 """What one squared spread off the usual costs, in units of concavity."""
-SCALE, MOST = 11.0, 160
-"""Radius in which hollowness is measured, mm, and the most points in it that count."""
+SCALE = 11.0
+"""Radius in which hollowness is measured, mm."""
+STARTS, REFINED = 3000, 6
+"""Places at which a wire's usual shape is tried, and the best of them that are looked at further."""
 HOLLOW = 0.03
 """Least concavity that counts as a crease."""
 DEEPEST = 0.15
@@ -83,32 +86,6 @@ class Wire:
     hollow: float
 
 
-@dataclass(frozen=True)
-class _Placed:
-    """A wire's usual shape in the x-y plane: its inner end, span, height over span, turn (degrees)."""
-
-    x: float
-    y: float
-    span: float
-    ratio: float
-    turn: float
-
-    def points(self, shape: np.ndarray) -> np.ndarray:
-        angle = np.radians(self.turn)
-        down, along = shape[:, 0] * self.ratio * self.span, shape[:, 1] * self.span
-        c, s = np.cos(angle), np.sin(angle)
-        return np.stack([self.x + c * down - s * along, self.y + s * down + c * along], axis=1)
-
-    def cost(self) -> float:
-        """Squared spreads off the usual."""
-        angle = np.radians(self.turn)
-        down = -self.x * np.cos(angle) - self.y * np.sin(angle)
-        out = self.x * np.sin(angle) - self.y * np.cos(angle)
-        values = (self.span, self.ratio, self.turn, down / self.span, out / self.span)
-        usual = (SPAN, RATIO, TURN, APEX_DOWN, APEX_OUT)
-        return sum(((value - mean) / spread) ** 2 for value, (mean, spread) in zip(values, usual, strict=True))
-
-
 def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wire:
     """The wire line on a surface about a breast, in the breast frame (see above).
 
@@ -116,29 +93,47 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
         surface: the points about the apex.
         ends: inner and outer end, where they are known. Without them they follow from RISE, ABOVE and TILT.
     """
-    near = np.linalg.norm(surface.points, axis=1) < HALF
-    surface = surface.select(near)
-    hollow = concavity(surface, max(SCALE, 4 * surface.spacing))
-    image = _image(surface.points, hollow)
-    drawn, strength = _drawn(image, _place(image, ends))
+    surface, hollow = _hollow(surface)
+    drawn, strength = _seen_from_in_front(surface, hollow, ends)
     start = _lifted(drawn, strength, ends, surface.points, hollow)
-    tree = KDTree(surface.points)
     line = start
     for window in WINDOWS:
-        places, plain = folds(surface, tree, line, window)
+        places, plain = folds(surface, line, window)
         counts = np.clip((plain - PLAIN[0]) / PLAIN[1], 0, 1)
-        level = settle(surface, line, max(8.0, 3 * surface.spacing), tree)[0]
+        level = settle(surface, line, max(8.0, 3 * surface.spacing))[0]
         bare = LAID * np.clip(1 - 3 * counts, 0, 1) * (np.linalg.norm(level - line, axis=1) < OFF)
-        bare *= np.asarray(tree.query(level)[0]) < max(BESIDE, 2 * surface.spacing)
-        known = _legs(surface, line, tree) if ends is None else ends
+        bare *= np.asarray(surface.tree.query(level)[0]) < max(BESIDE, 2 * surface.spacing)
+        known = _legs(surface, line) if ends is None else ends
         weights = [np.full(len(start), FIRST), counts, bare, np.full(2, USUAL if ends is None else HELD)]
         shown = np.concatenate([start, places, level, known]), np.concatenate(weights)
         line = rim(*shown) if ends is None else rim(*shown, held=2, flat=FLAT)
     wire = evenly_spaced(_cut(evenly_spaced(line, 1000), ends), STATIONS)
     if ends is not None:
         wire = _through(wire, ends)
-    measured = folds(surface, tree, wire, WINDOWS[-1])[1] >= PLAIN[0]
-    return Wire(evenly_spaced(wire, COUNT), float(1 - measured.mean()), float(np.clip(strength, 0, DEEPEST).mean()))
+    measured = folds(surface, wire, WINDOWS[-1])[1] >= PLAIN[0]
+    return Wire(evenly_spaced(wire, COUNT), float(1 - measured.mean()), _plainness(strength))
+
+
+def plainness(surface: Surface) -> float:
+    """How plain a crease there is below the apex: `Wire.hollow` of the wire that `trace` would find."""
+    return _plainness(_seen_from_in_front(*_hollow(surface), None)[1])
+
+
+def _hollow(surface: Surface) -> tuple[Surface, np.ndarray]:
+    """The part of a surface that is looked at, and its concavity."""
+    near = np.linalg.norm(surface.points, axis=1) < HALF
+    surface = Surface(surface.points[near], surface.normals[near], surface.spacing)
+    return surface, concavity(surface, max(SCALE, 4 * surface.spacing))
+
+
+def _seen_from_in_front(surface: Surface, hollow: np.ndarray, ends: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Places along the bottom of the hollow (STATIONS, 2) and the concavity there."""
+    image = _image(surface.points, hollow)
+    return _drawn(image, _place(image, ends))
+
+
+def _plainness(strength: np.ndarray) -> float:
+    return float(np.clip(strength, 0, DEEPEST).mean())
 
 
 def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray, "2 3"] | None = None) -> Wire:
@@ -170,10 +165,10 @@ def _rigid(points: np.ndarray, aims: np.ndarray, used: np.ndarray | slice = slic
     return (points - middle) @ u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v + aim
 
 
-def _legs(surface: Surface, line: np.ndarray, tree: KDTree) -> np.ndarray:
+def _legs(surface: Surface, line: np.ndarray) -> np.ndarray:
     """Places on the surface where the ends usually are."""
     near = KDTree(line[:, :2]).query(LEGS)[1]
-    return settle(surface, np.column_stack([LEGS, line[near, 2]]), max(8.0, 3 * surface.spacing), tree)[0]
+    return settle(surface, np.column_stack([LEGS, line[near, 2]]), max(8.0, 3 * surface.spacing))[0]
 
 
 def _cut(line: np.ndarray, ends: np.ndarray | None) -> np.ndarray:
@@ -194,26 +189,27 @@ def _cut(line: np.ndarray, ends: np.ndarray | None) -> np.ndarray:
     return line[first : last + 1]
 
 
-def concavity(surface: Surface, radius: float) -> Float[np.ndarray, " n"]:
+def concavity(surface: Surface, radius: float, chosen: Int[np.ndarray, " m"] | None = None) -> Float[np.ndarray, " m"]:
     """How hollow the surface is at each point: the height of the mean of the points within `radius` over the middle of
     the inner ones, along the mean normal, over the radius. 0 on a plane, -radius/(4 R) and less on a sphere of radius
     R, positive in a crease; up to about 0.3 in a narrow one.
+
+    Args:
+        chosen: indices of the points that it is wanted at; None: all.
     """
-    tree = KDTree(surface.points)
-    count = min(MOST, len(surface.points))
-    distances, near = tree.query(surface.points, k=count, distance_upper_bound=radius)
-    within = np.isfinite(distances)
-    near = np.where(within, near, 0)
-    around = surface.points[near]
+    at = surface.tree if chosen is None else KDTree(surface.points[chosen])
+    pairs = at.sparse_distance_matrix(surface.tree, radius, output_type="ndarray")
+    values = np.column_stack([surface.points, surface.normals, np.ones(len(surface.points))])
 
-    def mean(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        return np.einsum("nki,nk->ni", values, mask.astype(float)) / mask.sum(axis=1)[:, None]
+    def sums(kept: np.ndarray | slice) -> np.ndarray:
+        """Of the values about each point."""
+        i, j = pairs["i"][kept], pairs["j"][kept]
+        return sparse.coo_array((np.ones(len(i)), (i, j)), shape=(at.n, len(values))).tocsr() @ values
 
-    normal = mean(surface.normals[near], within)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-    offset = mean(around, within) - mean(around, distances < 0.4 * radius)
-    value = (offset * normal).sum(axis=1) / radius
-    return np.where(within.sum(axis=1) >= 8, value, 0.0)
+    within, inner = sums(slice(None)), sums(pairs["v"] < 0.4 * radius)
+    normal = within[:, 3:6] / np.maximum(np.linalg.norm(within[:, 3:6], axis=1, keepdims=True), 1e-9)
+    offset = within[:, :3] / within[:, 6:] - inner[:, :3] / inner[:, 6:]
+    return np.where(within[:, 6] >= 8, (offset * normal).sum(axis=1) / radius, 0.0)
 
 
 def _image(points: np.ndarray, hollow: np.ndarray) -> np.ndarray:
@@ -235,51 +231,54 @@ def _sample(image: np.ndarray, places: np.ndarray) -> np.ndarray:
     return ndimage.map_coordinates(image, np.moveaxis(index, -1, 0), order=1, mode="nearest")
 
 
-def _place(image: np.ndarray, ends: np.ndarray | None) -> _Placed:
-    """The usual shape where it runs along hollow places best."""
+def _place(image: np.ndarray, ends: np.ndarray | None) -> np.ndarray:
+    """The bow (see `_bows`) of a wire's usual shape where it runs along hollow places best."""
     if ends is not None:
         chord = ends[1, :2] - ends[0, :2]
         span, angle = float(np.linalg.norm(chord)), float(np.degrees(np.arctan2(-chord[0], chord[1])))
-
-        def of_ratio(ratio: float) -> _Placed:
-            return _Placed(float(ends[0, 0]), float(ends[0, 1]), span, ratio, angle)
-
         ratios = np.linspace(0.3, 0.75, 46)
-        return max(map(of_ratio, ratios), key=lambda p: _score(image, p, prior=0.3))
-
-    random = np.random.default_rng(0)
-    starts = []
-    for _ in range(3000):
-        span, ratio, turn, down, out = (
-            random.normal(mean, 1.3 * spread) for mean, spread in (SPAN, RATIO, TURN, APEX_DOWN, APEX_OUT)
-        )
-        angle = np.radians(turn)
-        x = -np.cos(angle) * down * span + np.sin(angle) * out * span
-        y = -np.sin(angle) * down * span - np.cos(angle) * out * span
-        starts.append(_Placed(x, y, max(span, 80.0), max(ratio, 0.25), turn))
-    best = sorted(starts, key=lambda p: -_score(image, p))[:6]
+        bows = np.array([[*ends[0, :2], span, ratio, angle] for ratio in ratios])
+        return bows[_scores(image, bows, prior=0.3).argmax()]
+    mean, spread = np.array([SPAN, RATIO, TURN, APEX_DOWN, APEX_OUT]).T
+    span, ratio, turn, down, out = np.random.default_rng(0).normal(mean, 1.3 * spread, (STARTS, 5)).T
+    angle = np.radians(turn)
+    x = -np.cos(angle) * down * span + np.sin(angle) * out * span
+    y = -np.sin(angle) * down * span - np.cos(angle) * out * span
+    bows = np.stack([x, y, np.maximum(span, 80.0), np.maximum(ratio, 0.25), turn], axis=1)
+    best = bows[np.argsort(-_scores(image, bows), kind="stable")[:REFINED]]
     scale = np.array([10.0, 10.0, 15.0, 0.05, 4.0])
-
-    def loss(v: np.ndarray) -> float:
-        return -_score(image, _Placed(*(v * scale)))
-
-    found = []
-    for start in best:
-        v = np.array([start.x, start.y, start.span, start.ratio, start.turn]) / scale
-        result = optimize.minimize(
-            loss, v, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 1e-6, "maxiter": 400}
-        )
-        found.append(_Placed(*(float(a) for a in result.x * scale)))
-    return max(found, key=lambda p: _score(image, p))
+    found = scale * minimised(lambda v: -_scores(image, v * scale), best / scale, xatol=0.01, fatol=1e-6, rounds=400)
+    return found[_scores(image, found).argmax()]
 
 
-def _score(image: np.ndarray, placed: _Placed, prior: float = 1.0) -> float:
-    return float(_sample(image, placed.points(SHAPE)).mean()) - prior * PRIOR * placed.cost()
+def _bows(bows: np.ndarray, shape: np.ndarray = SHAPE) -> np.ndarray:
+    """Points (m, k, 2) of a wire's shape (k, 2) laid in the x-y plane by its inner end, span, height over span and turn
+    in degrees (m, 5).
+    """
+    x, y, span, ratio, turn = bows.T[:, :, None]
+    angle = np.radians(turn)
+    down, along = shape[:, 0] * ratio * span, shape[:, 1] * span
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([x + c * down - s * along, y + s * down + c * along], axis=-1)
 
 
-def _drawn(image: np.ndarray, placed: _Placed) -> tuple[np.ndarray, np.ndarray]:
+def _unusual(bows: np.ndarray) -> np.ndarray:
+    """Squared spreads off the usual."""
+    x, y, span, ratio, turn = bows.T
+    angle = np.radians(turn)
+    down = -x * np.cos(angle) - y * np.sin(angle)
+    out = x * np.sin(angle) - y * np.cos(angle)
+    mean, spread = np.array([SPAN, RATIO, TURN, APEX_DOWN, APEX_OUT]).T
+    return (((np.stack([span, ratio, turn, down / span, out / span], axis=1) - mean) / spread) ** 2).sum(axis=1)
+
+
+def _scores(image: np.ndarray, bows: np.ndarray, prior: float = 1.0) -> np.ndarray:
+    return _sample(image, _bows(bows)).mean(axis=1) - prior * PRIOR * _unusual(bows)
+
+
+def _drawn(image: np.ndarray, bow: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The shape drawn to the bottom of the hollow: places (STATIONS, 2) and the concavity there."""
-    line = evenly_spaced(placed.points(SHAPE), STATIONS)
+    line = evenly_spaced(_bows(bow[None])[0], STATIONS)
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     across = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)

@@ -35,21 +35,27 @@ def crop(surface: Surface, curve: Float[np.ndarray, "k 3"]) -> tuple[Bool[np.nda
         curve: closed (the last point is joined to the first), about the breast; either way round.
 
     Returns:
-        inside; unreached: neither near the curve nor linked to a point that is.
+        inside; unreached: neither near the curve nor linked, over a third of its length at most, to a point that is.
     """
-    curve = _anticlockwise(curve, surface)
-    distance, sine = _side_of(surface, curve)
-    collar = max(COLLAR, 3 * surface.spacing)
-    sure = (distance < collar) & (np.abs(sine) > CONFIDENCE)
-    sources = np.flatnonzero(sure)
-    if not len(sources):
-        return np.zeros(len(distance), dtype=bool), np.ones(len(distance), dtype=bool)
-    lengths, origin = nearest_source(links(surface), sources)
-    reached = origin >= 0
-    inside = reached & (sine[np.where(reached, origin, sources[0])] > 0)
+    inside, reached = np.zeros((2, len(surface.points)), dtype=bool)
     # No place of a breast is farther from its edge than half the curve's length over pi, and by far.
-    size = float(np.linalg.norm(np.diff(curve, axis=0, append=curve[:1]), axis=1).sum())
-    return inside & (lengths < size / 3), ~reached
+    segments = np.linalg.norm(np.diff(curve, axis=0, append=curve[:1]), axis=1)
+    size, collar = float(segments.sum()), max(COLLAR, 3 * surface.spacing)
+    away = KDTree(curve).query(surface.points, distance_upper_bound=size / 3 + collar + segments.max())[0]
+    curve = _anticlockwise(curve, surface, away)
+    about = np.flatnonzero(away < collar + segments.max())
+    distance, sine = _side_of(surface.points[about], surface.normals[about], curve)
+    sure = (distance < collar) & (np.abs(sine) > CONFIDENCE)
+    if sure.any():
+        side = np.zeros(len(surface.points))
+        side[about] = sine
+        # Ways that are short enough lead over near places only.
+        near = np.flatnonzero(np.isfinite(away))
+        sources = np.searchsorted(near, about[sure])
+        _, origin = nearest_source(links(surface)[near][:, near], sources, size / 3)
+        reached[near] = origin >= 0
+        inside[near] = reached[near] & (side[near[np.maximum(origin, 0)]] > 0)
+    return inside, ~reached
 
 
 def neckline_over(
@@ -70,7 +76,7 @@ def neckline_over(
         count: points of each half.
     """
     # A torso that is closed at the back can have all normals inwards: those at the three places say which way.
-    near = np.asarray(KDTree(surface.points).query(np.stack([inner, strap, outer]), k=min(20, len(surface.points)))[1])
+    near = np.asarray(surface.tree.query(np.stack([inner, strap, outer]), k=min(20, len(surface.points)))[1])
     if np.median(surface.normals[near.ravel()] @ front) < 0:
         surface = Surface(surface.points, -surface.normals, surface.spacing)
     halves = [_section(surface, a, b, front, count) for a, b in ((inner, strap), (strap, outer))]
@@ -122,28 +128,30 @@ def _section(surface: Surface, a: np.ndarray, b: np.ndarray, front: np.ndarray, 
     return evenly_spaced(a + places[:, None] * chord + heights[:, None] * up, count)
 
 
-def _anticlockwise(curve: np.ndarray, surface: Surface) -> np.ndarray:
-    """The curve with its inside to the left, seen against the mean normal of the surface about it."""
+def _anticlockwise(curve: np.ndarray, surface: Surface, away: np.ndarray) -> np.ndarray:
+    """The curve with its inside to the left, seen against the mean normal of the surface about it (`away`: the points'
+    distances from the curve's corners).
+    """
     closed = np.append(curve, curve[:1], axis=0)
     area = 0.5 * np.cross(closed[:-1] - curve[0], closed[1:] - curve[0]).sum(axis=0)
-    near = KDTree(curve).query(surface.points)[0] < np.linalg.norm(np.ptp(curve, axis=0)) / 3
+    near = away < np.linalg.norm(np.ptp(curve, axis=0)) / 3
     front = surface.normals[near].mean(axis=0) if near.any() else surface.normals.mean(axis=0)
     return curve if area @ front >= 0 else curve[::-1].copy()
 
 
-def _side_of(surface: Surface, curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _side_of(points: np.ndarray, normals: np.ndarray, curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distance of each point from the curve, and n . (tau x (p - c)) over that distance."""
     start, end = curve, np.roll(curve, -1, axis=0)
     length = np.linalg.norm(end - start, axis=1)
     kept = length > 1e-9
     start, end, length = start[kept], end[kept], length[kept]
     tangent = (end - start) / length[:, None]
-    best = np.full(len(surface.points), np.inf)
-    offset = np.zeros_like(surface.points)
-    tau = np.zeros_like(surface.points)
+    best = np.full(len(points), np.inf)
+    offset = np.zeros_like(points)
+    tau = np.zeros_like(points)
     for k in range(len(start)):
-        along = np.clip((surface.points - start[k]) @ tangent[k], 0.0, length[k])
-        gap = surface.points - start[k] - along[:, None] * tangent[k]
+        along = np.clip((points - start[k]) @ tangent[k], 0.0, length[k])
+        gap = points - start[k] - along[:, None] * tangent[k]
         square = (gap**2).sum(axis=1)
         nearer = square < best
         best[nearer], offset[nearer] = square[nearer], gap[nearer]
@@ -152,4 +160,4 @@ def _side_of(surface: Surface, curve: np.ndarray) -> tuple[np.ndarray, np.ndarra
         tau[nearer] = (tangent[k] + tangent[corner])[nearer]
     distance = np.sqrt(best)
     size = np.maximum(distance * np.linalg.norm(tau, axis=1), 1e-9)
-    return distance, (surface.normals * np.cross(tau, offset)).sum(axis=1) / size
+    return distance, (normals * np.cross(tau, offset)).sum(axis=1) / size

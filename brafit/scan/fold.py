@@ -10,8 +10,7 @@ The frame is that of `brafit.scan.crease`: x down along the chest, y outwards, z
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
-from scipy.spatial import KDTree
+from jaxtyping import Bool, Float
 
 from brafit.scan.surface import Surface
 
@@ -41,12 +40,11 @@ LEVEL = 30.0
 
 
 def folds(
-    surface: Surface, tree: KDTree, line: Float[np.ndarray, "k 3"], window: float
+    surface: Surface, line: Float[np.ndarray, "k 3"], window: float
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
     """The bottom of the crease near each place of a line that runs along it.
 
     Args:
-        tree: of the surface's points.
         window: how far it is sought to either side, mm.
 
     Returns:
@@ -55,67 +53,94 @@ def folds(
     """
     places, strengths = line.copy(), np.zeros(len(line))
     tangents = _unit(np.gradient(line, axis=0))
-    for k, near in enumerate(tree.query_ball_point(line, REACH)):
-        away, normals = surface.points[near] - line[k], surface.normals[near]
+    sections = []
+    for k, near in enumerate(surface.tree.query_ball_point(line, REACH)):
+        away = surface.points[near] - line[k]
         kept = np.abs(away @ tangents[k]) < SLAB
         if kept.sum() >= 16:
-            move, strengths[k] = _bottom(away[kept], normals[kept], tangents[k], window)
-            places[k] += move
+            sections.append((k, away[kept], surface.normals[near][kept]))
+    if sections:
+        stations = np.array([k for k, _, _ in sections])
+        moves, strengths[stations] = _bottoms(sections, tangents[stations], window)
+        places[stations] += moves
     return places, strengths
 
 
-def _bottom(away: np.ndarray, normals: np.ndarray, tangent: np.ndarray, window: float) -> tuple[np.ndarray, float]:
-    """Where a section lies deepest, and how steeply it rises to both sides."""
+def _bottoms(
+    sections: list[tuple[int, np.ndarray, np.ndarray]], tangents: Float[np.ndarray, "s 3"], window: float
+) -> tuple[Float[np.ndarray, "s 3"], Float[np.ndarray, " s"]]:
+    """Where sections lie deepest, and how steeply they rise to both sides."""
+    away, normals = (np.concatenate([section[i] for section in sections]) for i in (1, 2))
+    sizes = np.array([len(section[1]) for section in sections])
+    section, starts = np.repeat(np.arange(len(sizes)), sizes), np.cumsum(sizes) - sizes
 
     def across(direction: np.ndarray) -> np.ndarray:
-        return _unit(direction - (direction @ tangent) * tangent)
+        return _unit(direction - (direction * tangents).sum(axis=1, keepdims=True) * tangents)
 
-    opening = across(normals.mean(axis=0))
+    opening = across(np.add.reduceat(normals, starts))
+    seen = np.ones(len(sizes), dtype=bool)
     for _ in range(3):  # the middle of both sheets' normals, however many points each has
-        place = away @ np.cross(tangent, opening)
-        sides = (place > 1.5, place < -1.5)
-        if min(side.sum() for side in sides) < 4:
-            return np.zeros(3), 0.0
-        chest, breast = (_unit(normals[side].mean(axis=0)) for side in sides)
+        place = (away * np.cross(tangents, opening)[section]).sum(axis=1)
+        sides = [place > 1.5, place < -1.5]
+        for side in sides:
+            seen &= np.add.reduceat(side.astype(int), starts) >= 4
+        chest, breast = (_unit(np.add.reduceat(normals * side[:, None], starts)) for side in sides)
         opening = across(CHEST * chest + breast)
-    along = np.cross(tangent, opening)
+    along = np.cross(tangents, opening)
     grid = np.arange(-REACH + 2, REACH - 1.9)
-    height, known = _averaged(away @ along, away @ opening, grid)
+    places, heights = ((away * axis[section]).sum(axis=1) for axis in (along, opening))
+    split = zip(np.split(places, starts[1:]), np.split(heights, starts[1:]), strict=True)
+    height, known = (np.stack(values) for values in zip(*(_averaged(*pair, grid) for pair in split), strict=True))
     depth = np.where(known & (np.abs(grid) <= window), height, np.inf)
-    at = int(depth.argmin())
-    if not np.isfinite(depth[at]) or not known[max(at - SHORE, 0) : at + SHORE + 1].all():
-        return np.zeros(3), 0.0  # the deepest place is the shore of a hole: the bottom was not seen
-    place, low = grid[at], height[at]
-    if 0 < at < len(grid) - 1 and known[at - 1] and known[at + 1]:
-        bend = height[at - 1] - 2 * low + height[at + 1]
-        place = place + np.clip((height[at - 1] - height[at + 1]) / 2 / max(bend, 1e-3), -0.5, 0.5)
-    slopes, crossings = [], []
+    at, row = depth.argmin(axis=1), np.arange(len(sizes))
+    seen &= np.isfinite(depth[row, at])
+    # A deepest place that is the shore of a hole: the bottom was not seen.
+    shore = np.pad(known, ((0, 0), (SHORE, SHORE)), constant_values=True)
+    seen &= np.lib.stride_tricks.sliding_window_view(shore, 2 * SHORE + 1, axis=1)[row, at].all(axis=1)
+    place, low = grid[at], height[row, at]
+    before, after = np.maximum(at - 1, 0), np.minimum(at + 1, len(grid) - 1)
+    inner = (at > 0) & (at < len(grid) - 1) & known[row, before] & known[row, after]
+    bend = height[row, before] - 2 * low + height[row, after]
+    step = (height[row, before] - height[row, after]) / 2 / np.maximum(bend, 1e-3)
+    place = place + np.where(inner, np.clip(step, -0.5, 0.5), 0.0)
+    offset = grid - place[:, None]
+    slopes, levels = [], []
     for sign in (1.0, -1.0):
-        sheet = known & (sign * (grid - place) > NEAR) & (sign * (grid - place) < FAR)
-        if sheet.sum() < 3:
-            return np.zeros(3), 0.0
-        slope, level = np.polyfit(grid[sheet] - place, height[sheet], 1)
-        slopes.append(sign * slope)
-        crossings.append((slope, level))
-    strength = float(min(slopes))
-    (first, a), (second, b) = crossings
+        sheet = known & (sign * offset > NEAR) & (sign * offset < FAR)
+        seen &= sheet.sum(axis=1) >= 3
+        slope, level = _lines(offset, height, sheet)
+        slopes.append(slope)
+        levels.append(level)
+    (first, second), (a, b) = slopes, levels
+    strength = np.minimum(first, -second)
     share = np.clip((strength - SHARP[0]) / (SHARP[1] - SHARP[0]), 0.0, 1.0)
-    if share > 0:
-        meet = np.clip((b - a) / (first - second), -NEAR, NEAR)
-        # The bell raises the bottom of a V by so much; a deeper meeting point belongs to a round crease.
-        filled = BAND * np.sqrt(2 / np.pi) * (abs(first) + abs(second)) / 2
-        place, low = place + share * meet, low + share * np.clip(a + first * meet - low, -filled, 0.0)
-    return place * along + low * opening, strength
+    meet = np.clip((b - a) / np.where(share > 0, first - second, 1.0), -NEAR, NEAR)
+    # The bell raises the bottom of a V by so much; a deeper meeting point belongs to a round crease.
+    filled = BAND * np.sqrt(2 / np.pi) * (np.abs(first) + np.abs(second)) / 2
+    place, low = place + share * meet, low + share * np.clip(a + first * meet - low, -filled, 0.0)
+    move = place[:, None] * along + low[:, None] * opening
+    return np.where(seen[:, None], move, 0.0), np.where(seen, strength, 0.0)
+
+
+def _lines(
+    x: Float[np.ndarray, "s g"], y: Float[np.ndarray, "s g"], used: Bool[np.ndarray, "s g"]
+) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
+    """Slope and level of the line through the places used of each row (least squares)."""
+    count = np.maximum(used.sum(axis=1), 1)
+    x, y = np.where(used, x, 0.0), np.where(used, y, 0.0)
+    middle, level = x.sum(axis=1) / count, y.sum(axis=1) / count
+    away = np.where(used, x - middle[:, None], 0.0)
+    slope = (away * y).sum(axis=1) / np.maximum((away**2).sum(axis=1), 1e-12)
+    return slope, level - slope * middle
 
 
 def _averaged(place: np.ndarray, height: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Heights over a grid by local lines, and where there are points enough."""
     weight = np.exp(-0.5 * ((place - grid[:, None]) / BAND) ** 2)
-    total = weight.sum(axis=1)
-    safe = np.maximum(total, 1e-9)
-    mean, level = (weight * place).sum(axis=1) / safe, (weight * height).sum(axis=1) / safe
-    spread = (weight * place**2).sum(axis=1) / safe - mean**2
-    slope = ((weight * place * height).sum(axis=1) / safe - mean * level) / np.maximum(spread, 0.3)
+    moments = np.stack([np.ones(len(place)), place, height, place**2, place * height], axis=1)
+    total, *sums = (weight @ moments).T
+    mean, level, square, product = np.stack(sums) / np.maximum(total, 1e-9)
+    slope = (product - mean * level) / np.maximum(square - mean**2, 0.3)
     return level + slope * (grid - mean), total > 2
 
 
@@ -177,8 +202,10 @@ def _circle(places: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float]:
         jacobian = np.column_stack([arm / length[:, None], np.ones(len(arm))]) * root[:, None]
         jacobian = np.append(jacobian, [[0.0, 0.0, 1 / RADIUS[1]]], axis=0)
         residual = np.append(root * (length - radius), (RADIUS[0] - radius) / RADIUS[1])
-        step = np.linalg.lstsq(jacobian, residual, rcond=None)[0]
+        step = np.linalg.solve(jacobian.T @ jacobian, jacobian.T @ residual)  # the last row makes it regular
         centre, radius = centre + step[:2], radius + float(step[2])
+        if np.abs(step).max() < 1e-10:
+            break
     return centre, radius
 
 

@@ -35,6 +35,10 @@ class CupFrame:
         """True for a right breast."""
         return bool(np.linalg.det(self.axes) < 0)
 
+    def equals(self, other: CupFrame) -> bool:
+        """Whether the two are the same, to the last digit."""
+        return np.array_equal(self.origin, other.origin) and np.array_equal(self.axes, other.axes)
+
     def to_cup(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
         """Points of the scan's frame in the cup frame."""
         return (points - self.origin) @ self.axes.T

@@ -24,8 +24,8 @@ GAP = 4.0
 SPARSE = 2.0
 INWARDS = 0.25
 """Where it is seen from: the middle of the bounding lines, moved by this share towards the middle of the points."""
-RIM = 800
-"""Points about a gap that its bridge is laid through."""
+RIM_LEAST, RIM_MOST = 100, 800
+"""Points about a gap that its bridge is laid through: at least, and one more for each cell of the gap, at most."""
 SMOOTHING = 1e-2
 BOUNDS = 0.7
 """A bridge's radius lies between this share of the least about it and the inverse share of the largest."""
@@ -60,10 +60,11 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
     size = float(np.median(radius))
     cells = _within(rim, 0.5 * spacing / size)
     # On the chart distances are about those on the surface over the radius, or less: nothing is overlooked by 0.8.
-    bare = KDTree(place).query(cells)[0] * size > 0.8 * reach
+    bare = np.isinf(KDTree(place).query(cells, distance_upper_bound=0.8 * reach / size)[0])
     if not bare.any():
         return Gaps(0.0, np.empty((0, 3)))
-    near = np.argsort(KDTree(cells[bare]).query(place)[0], kind="stable")[:RIM]
+    most = min(RIM_LEAST + int(bare.sum()), RIM_MOST)
+    near = np.argsort(KDTree(cells[bare]).query(place)[0], kind="stable")[:most]
     known, values = np.concatenate([place[near], rim]), np.log(np.concatenate([radius[near], rim_radius]))
     spline = RBFInterpolator(*_distinct(known, values), smoothing=SMOOTHING, kernel="cubic")
     low, high = values.min() + np.log(BOUNDS), values.max() - np.log(BOUNDS)

@@ -1,11 +1,14 @@
 """Reading scans: point clouds (PLY, PCD, text, NumPy) and meshes (OBJ, STL, OFF, GLB, PLY with faces).
 
-PLY is read by Open3D, meshes by trimesh, the rest by NumPy: all in a process of its own, with a time limit.
+PLY is read by Open3D, meshes by trimesh, the rest by NumPy: all in a process of its own, with a time limit, unless the
+caller's process is one that may crash.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +18,7 @@ from brafit.errors import InputError
 from brafit.scan.mesh import MESH_FORMATS
 from brafit.scan.ply import ply_elements
 from brafit.scan.text import TEXT_FORMATS
-from brafit.scan.worker import ReaderError, read_apart
+from brafit.scan.worker import ReaderError, read_apart, read_here
 
 MIN_POINTS = 100
 FLAG = "inside"
@@ -63,12 +66,16 @@ class Cloud:
     dropped: int = 0
 
 
-def read_cloud(path: str | Path, *, seconds: float = READ_SECONDS, mesh_points: int = MESH_POINTS) -> Cloud:
+def read_cloud(
+    path: str | Path, *, seconds: float = READ_SECONDS, mesh_points: int = MESH_POINTS, apart: bool = True
+) -> Cloud:
     """Read a scan (`FORMATS`), in float64.
 
     Args:
         seconds: time limit of the reader.
         mesh_points: points to sample on a mesh.
+        apart: read in a process of its own, so that a file that crashes or stalls a reader costs no more than itself.
+            False: in this process, without a time limit, for a process that is guarded as a whole.
 
     Raises:
         InputError: no such file, a format that is not read, a damaged file, fewer than `MIN_POINTS` points, most
@@ -77,7 +84,8 @@ def read_cloud(path: str | Path, *, seconds: float = READ_SECONDS, mesh_points: 
     """
     path = Path(path)
     _check_file(path)
-    columns = _read(path, seconds, mesh_points)
+    read = partial(read_apart, seconds=seconds) if apart else read_here
+    columns = _read(path, read, mesh_points)
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is reported below
         points = np.ascontiguousarray(columns["positions"], dtype=np.float64)
     finite = _check_points(path, points)
@@ -109,11 +117,11 @@ def _check_file(path: Path) -> None:
         raise InputError(path, "the file is empty", _COMPLETE)
 
 
-def _read(path: Path, seconds: float, mesh_points: int) -> dict[str, np.ndarray]:
+def _read(path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points: int) -> dict[str, np.ndarray]:
     """The cloud's columns by name."""
     _check_extension(path)
     try:
-        columns = _columns(path, seconds, mesh_points)
+        columns = _columns(path, read, mesh_points)
     except ReaderError as error:
         remedy = "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds"
         raise InputError(path, f"cannot be read as a cloud ({error})", remedy) from None
@@ -129,16 +137,16 @@ def _read(path: Path, seconds: float, mesh_points: int) -> dict[str, np.ndarray]
     return columns
 
 
-def _columns(path: Path, seconds: float, mesh_points: int) -> dict[str, np.ndarray]:
+def _columns(path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points: int) -> dict[str, np.ndarray]:
     kind = path.suffix.lower()
     own = {**dict.fromkeys(TEXT_FORMATS, "text"), ".pcd": "pcd", ".npy": "arrays", ".npz": "arrays"}
     if kind in own:
-        return read_apart(own[kind], path, seconds)
+        return read(own[kind], path)
     if kind == ".ply":
         elements = {element.name: element for element in ply_elements(path)}
         if "face" not in elements or not elements["face"].count or FLAG in elements["vertex"].properties:
-            return read_apart("ply", path, seconds)
-    return read_apart("mesh", path, seconds, count=mesh_points)
+            return read("ply", path)
+    return read("mesh", path, count=mesh_points)
 
 
 def _check_extension(path: Path) -> None:

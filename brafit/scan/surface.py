@@ -6,13 +6,17 @@ millimetres between them) is told apart by normals, never by distance alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import KDTree
+
+from brafit.scan.neighbours import Neighbours, nearest
+from brafit.scan.planes import distances_off, normals_at
 
 NEIGHBOURS = 24
 """Points that a local plane is laid through."""
@@ -23,6 +27,14 @@ REACH = 4.0
 neighbour counts as 1.8 of it on a plane)."""
 FACING = 0.3
 """Least cosine between the normals of linked points."""
+WIDTH = 4.0
+"""A point so many times the cloud's noise off the plane of its neighbours floats."""
+BELL = 1.0001
+"""The foot of the bell in `settle` over its radius: so that the last of the 8 nearest has some weight."""
+LEAST, MOST = 8, 64
+"""Points that a place is drawn to, at least and at most."""
+PASSES, FEW = 3, 500
+"""What floats is taken out so many times, or until it is one point in so many: it spoils its neighbours' planes too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,59 +44,82 @@ class Surface:
     Attributes:
         points, normals: the sample.
         spacing: typical distance between neighbours (median of the distance to the nearest four, averaged).
+        known: the points' neighbours, where they have been looked up.
     """
 
     points: Float[np.ndarray, "n 3"]
     normals: Float[np.ndarray, "n 3"]
     spacing: float
+    known: Neighbours | None = None
+
+    @cached_property
+    def tree(self) -> KDTree:
+        """Of the points."""
+        return KDTree(self.points)
+
+    @cached_property
+    def neighbours(self) -> Neighbours:
+        """Of the points, NEIGHBOURS of each."""
+        return Neighbours.of(self.points, NEIGHBOURS) if self.known is None else self.known
+
+    def at(self, points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> Surface:
+        """The surface after a motion that took its points and normals there."""
+        known = None if self.known is None else replace(self.known, points=points)
+        return Surface(points, normals, self.spacing, known)
 
     def select(self, mask: Bool[np.ndarray, " n"]) -> Surface:
         """The part of it under the mask."""
-        return Surface(self.points[mask], self.normals[mask], self.spacing)
+        known = None if self.known is None else self.known.among(mask)[0]
+        return Surface(self.points[mask], self.normals[mask], self.spacing, known)
 
 
-def surface_of(points: Float[np.ndarray, "n 3"], outward: Float[np.ndarray, "3"]) -> Surface:
+def surface_of(
+    points: Float[np.ndarray, "n 3"], outward: Float[np.ndarray, "3"], known: Neighbours | None = None
+) -> Surface:
     """Normals by local planes, turned to one side along the graph's minimum spanning tree, then outwards.
 
     Args:
         points: at least `NEIGHBOURS` of them.
         outward: the direction to which most normals look (the cup frame's z, the front of a body).
+        known: the points' neighbours, NEIGHBOURS of each at least, where they have been looked up.
     """
-    distances, near = _neighbours(points, NEIGHBOURS)
-    normals = np.linalg.eigh(_covariances(points, near))[1][:, :, 0]
-    normals = _one_side(normals, distances, near)
+    known = Neighbours.of(points, NEIGHBOURS) if known is None else known
+    distances, near = known.distances[:, :NEIGHBOURS], known.near[:, :NEIGHBOURS]
+    normals = _one_side(normals_at(points, near), distances, near, outward)
     if np.median(normals @ outward) < 0:
         normals = -normals
-    return Surface(points, normals, float(np.median(distances[:, 1:5].mean(axis=1))))
+    return Surface(points, normals, float(np.median(distances[:, 1:5].mean(axis=1))), known)
 
 
-def off_surface(
-    points: Float[np.ndarray, "n 3"], width: float = 4.0, neighbours: int = NEIGHBOURS
-) -> Bool[np.ndarray, " n"]:
+def on_surface(known: Neighbours) -> tuple[Bool[np.ndarray, " n"], Neighbours]:
+    """Mask of a cloud's points without those that float (see `off_surface`), and the neighbours among what is left."""
+    left, kept = np.arange(len(known.points)), np.zeros(len(known.points), dtype=bool)
+    away, stale = np.empty(len(left)), np.ones(len(left), dtype=bool)
+    for _ in range(PASSES):
+        if len(left) <= NEIGHBOURS:
+            break
+        chosen = np.flatnonzero(stale)
+        away[chosen] = distances_off(known.points, chosen, known.near[chosen, 1:NEIGHBOURS])
+        off = _floats(away, known.distances)
+        known, stale = known.among(~off)
+        left, away = left[~off], away[~off]
+        if off.sum() <= len(off) // FEW:
+            break
+    kept[left] = True
+    return kept, known
+
+
+def off_surface(points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
     """Mask of points that float off the sheet that their neighbours make up.
 
     A plane is laid through each point's neighbours, again without those that lie far off it; a point goes when its
-    distance from that plane exceeds `width` times the cloud's noise (the median of those distances, as a standard
-    deviation) and the distance to its fourth neighbour. So neither curved places nor thin ones lose points.
+    distance from that plane exceeds WIDTH times the cloud's noise (the median of those distances, as a standard
+    deviation) and half the distance to its fourth neighbour. So neither curved places nor thin ones lose points.
     """
-    if len(points) <= neighbours:
+    if len(points) <= NEIGHBOURS:
         return np.zeros(len(points), dtype=bool)
-    distances, near = _neighbours(points, neighbours)
-    others = points[near[:, 1:]]
-    weights = np.ones(others.shape[:2])
-    residual = np.zeros(len(points))
-    for _ in range(3):
-        total = weights.sum(axis=1)
-        centre = np.einsum("nk,nki->ni", weights, others) / total[:, None]
-        offset = others - centre[:, None]
-        covariance = np.einsum("nk,nki,nkj->nij", weights, offset, offset) / total[:, None, None]
-        normal = np.linalg.eigh(covariance)[1][:, :, 0]
-        residual = np.abs(np.einsum("ni,ni->n", points - centre, normal))
-        from_plane = np.abs(np.einsum("nki,ni->nk", offset, normal))
-        scale = np.maximum(np.median(from_plane, axis=1), 1e-9)[:, None]
-        weights = 1 / (1 + (from_plane / (2 * scale)) ** 2) ** 2
-    noise = 1.4826 * float(np.median(residual))
-    return (residual > width * noise) & (residual > 0.5 * np.median(distances[:, 4]))
+    known = Neighbours.of(points, NEIGHBOURS)
+    return _floats(distances_off(points, np.arange(len(points)), known.near[:, 1:NEIGHBOURS]), known.distances)
 
 
 def links(surface: Surface, count: int = LINKS) -> sparse.csr_array:
@@ -92,14 +127,11 @@ def links(surface: Surface, count: int = LINKS) -> sparse.csr_array:
 
     Points are linked if they are near and look to the same side; so no link leads from one sheet to another.
     """
-    points, normals = surface.points, surface.normals
-    distances, near = _neighbours(points, min(count + 1, len(points)))
-    rows = np.repeat(np.arange(len(points)), near.shape[1] - 1)
-    columns, lengths = near[:, 1:].ravel(), distances[:, 1:].ravel()
-    kept = (lengths <= REACH * surface.spacing) & ((normals[rows] * normals[columns]).sum(axis=1) >= FACING)
-    lengths = np.maximum(lengths, 1e-9)  # a zero would be no link
-    shape = (len(points), len(points))
-    graph = sparse.coo_array((lengths[kept], (rows[kept], columns[kept])), shape=shape).tocsr()
+    normals, known = surface.normals, surface.neighbours
+    width = min(count + 1, len(normals))
+    near, lengths = known.near[:, 1:width], known.distances[:, 1:width]
+    kept = (lengths <= REACH * surface.spacing) & (_cosines(normals, near) >= FACING)
+    graph = _graph(np.maximum(lengths, 1e-9), near, kept)  # a zero would be no link
     return graph.maximum(graph.T).tocsr()
 
 
@@ -114,30 +146,32 @@ def parts(graph: sparse.csr_array) -> tuple[Int[np.ndarray, " n"], Int[np.ndarra
 
 
 def nearest_source(
-    graph: sparse.csr_array, sources: Int[np.ndarray, " k"]
+    graph: sparse.csr_array, sources: Int[np.ndarray, " k"], limit: float = np.inf
 ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """For each point the length of the shortest way to a source, and that source (-1 where no way leads)."""
+    """For each point the length of the shortest way to a source, and that source (-1 where no way leads that is no
+    longer than the limit).
+
+    Args:
+        graph: symmetric, as `links` gives it.
+    """
     lengths, _, origin = csgraph.dijkstra(
-        graph, directed=False, indices=sources, min_only=True, return_predecessors=True
+        graph, directed=True, indices=sources, min_only=True, return_predecessors=True, limit=limit
     )
     return lengths, np.where(np.isfinite(lengths), origin, -1)
 
 
 def settle(
-    surface: Surface, places: Float[np.ndarray, "k 3"], radius: float, tree: KDTree | None = None
+    surface: Surface, places: Float[np.ndarray, "k 3"], radius: float
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
     """Places drawn onto the surface, and the normals there.
 
     The surface near a place is the plane through the weighted mean of the points within `radius` (or of the 8 nearest,
     where there are fewer), with a bell of that radius as weights. Only points that face as the nearest one does count.
     """
-    tree = KDTree(surface.points) if tree is None else tree
-    count = min(64, len(surface.points))
-    distances, near = tree.query(places, k=count)
-    radius_of = np.maximum(radius, distances[:, min(8, count) - 1])[:, None]
+    distances, near, radius_of = _within(surface, places, radius)
     normals = surface.normals[near]
     alike = np.einsum("nki,ni->nk", normals, normals[:, 0]) > 0
-    weights = np.clip(1 - (distances / (1.0001 * radius_of)) ** 2, 0, None) ** 2 * alike
+    weights = np.clip(1 - (distances / (BELL * radius_of[:, None])) ** 2, 0, None) ** 2 * alike
     weights[:, 0] += 1e-12
     weights /= weights.sum(axis=1, keepdims=True)
     centre = np.einsum("nk,nki->ni", weights, surface.points[near])
@@ -147,55 +181,88 @@ def settle(
     return places - height * normal, normal
 
 
-def _neighbours(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Distances to the nearest `count` points and their indices; each point is its own first neighbour."""
-    distances, near = KDTree(points).query(points, k=min(count, len(points)))
-    return np.asarray(distances), np.asarray(near)
+def _within(
+    surface: Surface, places: Float[np.ndarray, "k 3"], radius: float
+) -> tuple[Float[np.ndarray, "k m"], Int[np.ndarray, "k m"], Float[np.ndarray, " k"]]:
+    """Distances and indices of the points about each place, filled up by infinite ones, and the radius they lie in."""
+    least, most = (min(count, len(surface.points)) for count in (LEAST, MOST))
+    distances, near = nearest(surface.tree, places, most, BELL * radius)
+    width = max(least, int(np.isfinite(distances).sum(axis=1).max(initial=0)))
+    distances, near = distances[:, :width], near[:, :width]
+    radius_of = np.full(len(places), radius)
+    if len(few := np.flatnonzero(~(distances[:, least - 1] <= radius))):
+        distances[few, :least], near[few, :least] = nearest(surface.tree, places[few], least)
+        distances[few, least:] = np.inf
+        radius_of[few] = distances[few, least - 1]
+    return distances, np.where(np.isfinite(distances), near, 0), radius_of
 
 
-def _covariances(points: np.ndarray, near: np.ndarray) -> np.ndarray:
-    around = points[near]
-    offset = around - around.mean(axis=1, keepdims=True)
-    return np.einsum("nki,nkj->nij", offset, offset)
+def _floats(away: Float[np.ndarray, " n"], distances: Float[np.ndarray, "n k"]) -> Bool[np.ndarray, " n"]:
+    noise = 1.4826 * float(np.median(away))
+    return (away > WIDTH * noise) & (away > 0.5 * np.median(distances[:, 4]))
 
 
-def _one_side(normals: np.ndarray, distances: np.ndarray, near: np.ndarray) -> np.ndarray:
+def _graph(
+    weights: Float[np.ndarray, "n k"], near: Int[np.ndarray, "n k"], kept: Bool[np.ndarray, "n k"] | None = None
+) -> sparse.csr_array:
+    """The directed graph from each point to its neighbours, or to those of them that are kept."""
+    n, count = near.shape
+    if kept is None:
+        starts, weights, near = np.arange(0, n * count + 1, count), weights.ravel(), near.ravel()
+    else:
+        starts, weights, near = np.append(0, np.cumsum(kept.sum(axis=1))), weights[kept], near[kept]
+    return sparse.csr_array((weights, near.astype(np.int32), starts.astype(np.int32)), shape=(n, n))
+
+
+def _cosines(normals: Float[np.ndarray, "n 3"], near: Int[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+    """Between each point's normal and those of its neighbours."""
+    total = np.zeros(near.shape)
+    for column in np.ascontiguousarray(normals.T):
+        total += np.take(column, near) * column[:, None]
+    return total
+
+
+def _one_side(
+    normals: Float[np.ndarray, "n 3"],
+    distances: Float[np.ndarray, "n k"],
+    near: Int[np.ndarray, "n k"],
+    outward: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "n 3"]:
     """Turn normals so that neighbours agree, going along the spanning tree of least change (Hoppe et al. 1992).
 
     Parts of the graph that hang together only by longer links are joined by these, at a high price.
     """
-    n, count = near.shape
-    rows = np.repeat(np.arange(n), count - 1)
-    columns, lengths = near[:, 1:].ravel(), distances[:, 1:].ravel()
-    change = 1 - np.abs((normals[rows] * normals[columns]).sum(axis=1))
+    turned = normals * np.where(normals @ outward < 0, -1.0, 1.0)[:, None]
+    cosines = _cosines(turned, near[:, 1:])
+    if (cosines >= 0).all():  # every tree would say the same
+        return turned
+    lengths = distances[:, 1:]
     # Length counts as well: among equals the nearer neighbour is the better witness.
-    cost = change + 0.02 * lengths / max(float(np.median(lengths)), 1e-12) + 1e-9
-    graph = sparse.coo_array((cost, (rows, columns)), shape=(n, n)).tocsr()
-    tree = csgraph.minimum_spanning_tree(graph.maximum(graph.T))
+    cost = 1 - np.abs(cosines) + 0.02 * lengths / max(float(np.median(lengths)), 1e-12) + 1e-9
+    _, label = csgraph.connected_components(_graph(cost[:, :LINKS], near[:, 1 : LINKS + 1]), directed=False)
+    # Farther neighbours count where the nearest do not hang together.
+    wanted = label[near[:, 1:]] != label[:, None]
+    wanted[:, :LINKS] = True
+    tree = csgraph.minimum_spanning_tree(_graph(cost, near[:, 1:], wanted))
     tree = (tree + tree.T).tocsr()
-    sign = np.zeros(n)
-    _, label = csgraph.connected_components(tree, directed=False)
-    whole = normals.copy()
-    for part in range(label.max() + 1):
-        members = np.flatnonzero(label == part)
-        root = members[0]
-        order, before = csgraph.breadth_first_order(tree, root, directed=False)
-        sign[root] = 1.0
-        for i in order[1:]:
-            k = before[i]
-            sign[i] = sign[k] if normals[i] @ normals[k] >= 0 else -sign[k]
-        whole[members] = normals[members] * sign[members, None]
-    return _agree_between_parts(whole, label)
+    parts, label = csgraph.connected_components(tree, directed=False)
+    before = np.arange(len(normals))
+    for root in np.unique(label, return_index=True)[1]:
+        order, leads = csgraph.breadth_first_order(tree, root, directed=False)
+        before[order[1:]] = leads[order[1:]]
+    sign = np.where((turned * turned[before]).sum(axis=1) >= 0, 1.0, -1.0)
+    # From every point to its root, in steps that double.
+    while (before != before[before]).any():
+        sign, before = sign * sign[before], before[before]
+    return _agree_between_parts(turned * sign[:, None], label, parts)
 
 
-def _agree_between_parts(normals: np.ndarray, label: np.ndarray) -> np.ndarray:
+def _agree_between_parts(
+    normals: Float[np.ndarray, "n 3"], label: Int[np.ndarray, " n"], parts: int
+) -> Float[np.ndarray, "n 3"]:
     """Small unconnected parts look, in the mean, to where the largest does."""
-    if label.max() == 0:
+    if parts == 1:
         return normals
-    main = normals[label == np.bincount(label).argmax()].mean(axis=0)
-    turned = normals.copy()
-    for part in range(label.max() + 1):
-        members = label == part
-        if normals[members].mean(axis=0) @ main < 0:
-            turned[members] *= -1
-    return turned
+    total = np.stack([np.bincount(label, weights=column) for column in normals.T], axis=1)
+    main = total[np.bincount(label).argmax()]
+    return normals * np.where(total @ main < 0, -1.0, 1.0)[label, None]

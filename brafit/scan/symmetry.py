@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from brafit.scan.clean import distinct
+from brafit.scan.planes import normals_at
 from brafit.scan.surface import Surface, settle
 
-SAMPLE = 6000
-"""Points that the plane is fitted with."""
+SAMPLE, TRIED = 6000, 1500
+"""Points that the plane is fitted with, and those with which each start is tried."""
 ROUNDS = 60
 PLAIN = 3.0
 """Rms (mm) of a plane that needs no further looking for."""
@@ -51,15 +53,13 @@ def mirror_of(points: Float[np.ndarray, "n 3"]) -> Mirror:
     """
     chosen = _along_the_body(points, 4 * SAMPLE)
     tree = KDTree(chosen)
-    around = chosen[tree.query(chosen, k=min(12, len(chosen)))[1]]
-    offset = around - around.mean(axis=1, keepdims=True)
-    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
-    moving = _strided(chosen, SAMPLE)
+    normals = normals_at(chosen, np.asarray(tree.query(chosen, k=min(12, len(chosen)))[1]))
+    moving, some = _strided(chosen, SAMPLE), _strided(chosen, TRIED)
     centre = moving.mean(axis=0)
     axes = np.linalg.eigh(np.cov(moving.T))[1].T
 
     def tried(directions: np.ndarray) -> list[Mirror]:
-        return [_refine(tree, chosen, normals, moving, axis, float(axis @ centre), 8) for axis in directions]
+        return [_refine(tree, chosen, normals, some, axis, float(axis @ centre), 8) for axis in directions]
 
     starts = tried(axes)
     if min(start.rms for start in starts) > PLAIN:
@@ -71,11 +71,11 @@ def mirror_of(points: Float[np.ndarray, "n 3"]) -> Mirror:
 
 def _along_the_body(points: np.ndarray, count: int) -> np.ndarray:
     """About `count` of the distinct points, every so many along the body's own longest axis."""
-    distinct = np.unique(points, axis=0)
-    centred = distinct - distinct.mean(axis=0)
+    single = distinct(points)
+    centred = single - single.mean(axis=0)
     along = centred @ np.linalg.eigh(np.cov(centred.T))[1][:, 2]
     along = along * (1.0 if (along**3).sum() >= 0 else -1.0)
-    return _strided(distinct[np.argsort(along, kind="stable")], count)
+    return _strided(single[np.argsort(along, kind="stable")], count)
 
 
 def _strided(points: np.ndarray, count: int) -> np.ndarray:
@@ -93,7 +93,7 @@ def apart(one: Surface, other: Surface, places: Float[np.ndarray, "n 3"]) -> flo
     radius = max(PATCH, 3 * max(one.spacing, other.spacing))
     mine, normal = settle(one, chosen, radius)
     its, facing = settle(other, mine, radius)
-    near = KDTree(other.points).query(chosen)[0] < radius
+    near = other.tree.query(chosen)[0] < radius
     seen = near & ((normal * facing).sum(axis=1) > 0.7)
     if not len(chosen) or seen.mean() < 0.5:
         return float("inf")
@@ -124,7 +124,7 @@ def _refine(
         mn = m @ normal
         columns = [-2 * ((p @ w) * mn + s * (m @ w)) for w in (u, v)] + [2 * mn]
         jacobian = np.stack(columns, axis=1)
-        step = np.linalg.lstsq(jacobian, -residual, rcond=None)[0]
+        step = np.linalg.lstsq(jacobian.T @ jacobian, -jacobian.T @ residual, rcond=None)[0]
         turned = normal + np.clip(step[0], -0.2, 0.2) * u + np.clip(step[1], -0.2, 0.2) * v
         size = float(np.linalg.norm(turned))
         normal, offset = turned / size, float(offset + step[2]) / size

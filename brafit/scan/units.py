@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
 from brafit.errors import InputError
+from brafit.scan.neighbours import distances_to
 
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
 """Units that are read, and how many millimetres each is."""
@@ -90,12 +90,10 @@ def body_depth(points: Float[np.ndarray, "n 3"]) -> float:
 
 def cloud_unit(points: Float[np.ndarray, "n 3"], marks: Float[np.ndarray, "k 3"]) -> str | None:
     """The unit in which marks (millimetres) lie on a cloud; None if that is not clear."""
-    size = float(np.linalg.norm(np.ptp(marks, axis=0)))
     away = {}
     for unit, factor in MILLIMETRES.items():
-        centre, reach = marks.mean(axis=0) / factor, 3 * size / factor
-        near = points[np.linalg.norm(points - centre, axis=1) < reach]
-        distances = KDTree(near).query(marks / factor)[0] if len(near) else np.full(1, np.inf)
+        # What is farther than this compares as what is infinitely far.
+        distances = distances_to(points, marks / factor, DISTINCT * NEAR / factor)
         away[unit] = factor * float(np.median(distances))
     best, *others = sorted(away, key=lambda unit: away[unit])
     clear = away[best] < NEAR and all(away[unit] > max(DISTINCT * away[best], NEAR / 2) for unit in others)

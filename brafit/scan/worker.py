@@ -60,11 +60,39 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
             if isinstance(error, TimeoutError):
                 raise ReaderError(f"reading it took longer than {seconds:g} s") from None
             raise ReaderError(f"its reader crashed on it, {ending}") from None
+    return _taken(kind, content)
+
+
+def read_here(reader: str, path: Path, **arguments: Any) -> dict[str, np.ndarray]:
+    """As `read_apart`, but in this very process and without a time limit: a crash ends it. For processes that are
+    guarded themselves.
+    """
+    return _taken(*_answer(_readers()[reader], path, arguments))
+
+
+def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
+    """The columns of an answer; an error as what it was."""
     if kind == "ok":
         return content
     if kind == "os":
         raise OSError(*content)
     raise {"memory": ReaderError, "open3d": Open3DError, "library": BrafitError}.get(kind, ValueError)(content)
+
+
+def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments: dict[str, Any]) -> tuple[str, Any]:
+    """What a reader makes of a file: kind and content of a reply."""
+    try:
+        return "ok", reader(path, **arguments)
+    except MemoryError:
+        return "memory", "it needs more memory than there is"
+    except Open3DError as error:
+        return "open3d", str(error)
+    except BrafitError as error:
+        return "library", str(error)
+    except OSError as error:
+        return "os", (error.errno, error.strerror)
+    except Exception as error:
+        return "value", " ".join(str(error).split())[:200] or type(error).__name__
 
 
 class _Child:
@@ -188,19 +216,7 @@ def _serve() -> None:
             reader, path, arguments = _receive(requests)
         except EOFError:
             return
-        try:
-            reply = ("ok", readers[reader](Path(path), **arguments))
-        except MemoryError:
-            reply = ("memory", "it needs more memory than there is")
-        except Open3DError as error:
-            reply = ("open3d", str(error))
-        except BrafitError as error:
-            reply = ("library", str(error))
-        except OSError as error:
-            reply = ("os", (error.errno, error.strerror))
-        except Exception as error:
-            reply = ("value", " ".join(str(error).split())[:200] or type(error).__name__)
-        _send(replies, reply)
+        _send(replies, _answer(readers[reader], Path(path), arguments))
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ def test_the_bottom_of_a_fold_is_found(slope):
     beside = (RADIUS + 5) * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     places = beside
     for _ in range(2):
-        places, strengths = folds(surface, KDTree(points), places, 9.0)
+        places, strengths = folds(surface, places, 9.0)
     away = np.linalg.norm(places[:, :2], axis=1) - RADIUS, places[:, 2]
     assert np.median(np.abs(away[0])) < 1.0
     assert np.median(np.abs(away[1])) < 2.0, "the bell fills the bottom of a V"
@@ -58,7 +58,7 @@ def test_a_plane_has_no_fold():
     flat = np.random.default_rng(1).uniform(-60, 60, (8_000, 2))
     surface = surface_of(np.column_stack([flat, np.zeros(len(flat))]), FRONT)
     line = np.stack([np.zeros(20), np.linspace(-40, 40, 20), np.zeros(20)], axis=1)
-    assert np.abs(folds(surface, KDTree(surface.points), line, 9.0)[1]).max() < 0.01
+    assert np.abs(folds(surface, line, 9.0)[1]).max() < 0.01
 
 
 def test_strays_do_not_move_the_line():

@@ -9,6 +9,7 @@ import trimesh
 from brafit.scan import landmarks_path, load_scan
 from brafit.scan.clean import lonely
 from brafit.scan.mesh import sample_faces
+from brafit.scan.neighbours import Neighbours
 from brafit.scan.surface import surface_of
 from brafit.scan.symmetry import apart, mirror_of
 
@@ -91,7 +92,7 @@ def test_strays_are_lonely_however_many(share):
     grid = generator.uniform(-80, 80, (6000, 2))
     plane = np.column_stack([grid, generator.normal(0, 2.0, 6000)])
     stray = generator.uniform(-120, 120, (round(share / (1 - share) * 6000), 3))
-    found = lonely(np.concatenate([plane, stray]), 16)
+    found = lonely(Neighbours.of(np.concatenate([plane, stray]), 17), 16)
     assert found[:6000].mean() < 0.001
     far = np.r_[np.zeros(6000, dtype=bool), np.abs(stray[:, 2]) > 20]
     assert found[far].mean() > 0.95

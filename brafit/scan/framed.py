@@ -1,0 +1,162 @@
+"""A breast in its cup frame: its wire, given or found, and what else is marked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from brafit.errors import InputError
+from brafit.scan.body import Body, apex_of, body_from_marks, body_of, wire_about, wire_laid
+from brafit.scan.checks import check_scan
+from brafit.scan.crease import Wire
+from brafit.scan.frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end
+from brafit.scan.landmarks import Landmarks
+from brafit.scan.marked import Marked, origin_of
+from brafit.scan.read import Cloud
+from brafit.scan.wires import wire_size
+
+WIRE_POINTS = 51
+"""Of a wire of a given size."""
+
+
+@dataclass(frozen=True, eq=False)
+class Framed:
+    """One breast's marks and its cup frame.
+
+    Attributes:
+        marks: in the scan's frame, mm, with a wire.
+        marks_origin: `given`, `mirrored` or `proposed`.
+        wire_origin: `given`, `proposed`, `detected` or `size NAME`.
+        guessed: share of the wire that no crease shows; None for one that is not found.
+        frame: the cup frame.
+        wire: in the cup frame, inner end first.
+    """
+
+    marks: Landmarks
+    marks_origin: str
+    wire_origin: str
+    guessed: float | None
+    frame: CupFrame
+    wire: Float[np.ndarray, "k 3"]
+
+    def mark(self, name: str) -> Float[np.ndarray, "3"] | None:
+        """A marked point in the cup frame, if there is one."""
+        point = self.marks.points.get(name)
+        return None if point is None else self.frame.to_cup(point)
+
+    def upper_line(self) -> Float[np.ndarray, "m 3"] | None:
+        """The marked upper line in the cup frame, from the wire's inner to its outer end.
+
+        Raises:
+            InputError: it does not end at the wire's ends.
+        """
+        if self.marks.upper_line is None:
+            return None
+        line = self.frame.to_cup(self.marks.upper_line)
+        ways = (line, line[::-1].copy())
+        ends = self.wire[[0, -1]]
+        first, other = (float(np.linalg.norm(way[[0, -1]] - ends, axis=1).max()) for way in ways)
+        if min(first, other) > END_TOLERANCE:
+            cause = f"upper_line: its ends are up to {min(first, other):.1f} mm from the ends of the wire"
+            remedy = f"Let it start and end at the wire's ends (within {END_TOLERANCE:g} mm)"
+            raise InputError(self.marks.path, cause, remedy)
+        return ways[0] if first <= other else ways[1]
+
+
+def framed(marked: Marked, side: str | None, wire: str | None) -> Framed:
+    """A side's breast in its cup frame.
+
+    Args:
+        wire: None: as it is marked, detected where it is not; `detect`; or a size.
+
+    Raises:
+        InputError: marks that cannot be those of a breast on this cloud; no wire, and none can be found.
+    """
+    marks, marks_origin = marked.of(side)
+    check_scan(marked.cloud, marks)
+    marks, wire_origin, guessed = _with_wire(marked, marks, wire)
+    frame = frame_of(marked.cloud, marks)
+    return Framed(marks, marks_origin, wire_origin, guessed, frame, frame.to_cup(_line(marks)))
+
+
+def frame_of(cloud: Cloud, marks: Landmarks) -> CupFrame:
+    """The cup frame of marks that have a wire.
+
+    Raises:
+        InputError: the wire is no bow, does not end at the marked ends, or runs the wrong way round for its side.
+    """
+    line = _line(marks)
+    _check_outer_end(line, marks)
+    return frame_from_wire(line, marks.side, _front(cloud, marks), marks.path)
+
+
+def _line(marks: Landmarks) -> np.ndarray:
+    """The wire from its inner to its outer end."""
+    assert marks.wire is not None
+    return from_inner_end(marks.wire, marks.points.get("inner_end"), marks.path)
+
+
+def _with_wire(marked: Marked, marks: Landmarks, wire: str | None) -> tuple[Landmarks, str, float | None]:
+    """Marks that have a wire, where it comes from and the share of it that is guessed."""
+    if wire is None and marks.wire is not None:
+        return marks, origin_of(marks), None
+    body, apex = _body_and_apex(marked, marks)
+    ends = [marks.points.get(name) for name in ("inner_end", "outer_end")]
+    both = None if ends[0] is None or ends[1] is None else np.stack([ends[0], ends[1]])
+    points = marked.cloud.points
+    if wire in (None, "detect"):
+        found, origin = wire_about(points, body, marks.side, apex, both), "detected"
+    else:
+        arc = wire_size(str(wire)).arc(WIRE_POINTS)
+        found, origin = wire_laid(points, body, marks.side, apex, arc, both), f"size {wire}"
+    changes = {"inner_end": found.wire[0], "outer_end": found.wire[-1], "apex": apex}
+    upper = _joined(marks.upper_line, found)
+    return replace(marks, wire=found.wire, upper_line=upper, points={**marks.points, **changes}), origin, found.guessed
+
+
+def _body_and_apex(marked: Marked, marks: Landmarks) -> tuple[Body, np.ndarray]:
+    """The body's axes, from the whole torso or from the breast's marks, and the apex."""
+    inner, outer, apex = (marks.points.get(name) for name in ("inner_end", "outer_end", "apex"))
+    bottom, strap = marks.points.get("wire_bottom"), marks.points.get("strap_point")
+    if inner is not None and outer is not None and apex is not None and (bottom is not None or strap is not None):
+        middle = (inner + outer) / 2
+        below = bottom - middle if bottom is not None else middle - np.asarray(strap)
+        # The apex lies before the chest, but also below the chord's middle: only what is across counts.
+        front = apex - middle
+        front = front - (front @ below) / (below @ below) * below
+        return body_from_marks(np.stack([inner, outer]), below, front, marks.side), apex
+    if not marked.whole.is_torso:
+        remedy = "Give wire, or landmarks inner_end, outer_end, apex and strap_point; or scan the whole torso"
+        raise InputError(marks.path, "wire: missing, and the cloud is no torso in which to find it", remedy)
+    points = marked.cloud.points
+    body = body_of(points)
+    return body, apex_of(points, body, marks.side) if apex is None else apex
+
+
+def _joined(upper: np.ndarray | None, found: Wire) -> np.ndarray | None:
+    """A given upper line with its ends brought to the ends of a wire that was found."""
+    if upper is None:
+        return None
+    flipped = np.linalg.norm(upper[0] - found.wire[0]) > np.linalg.norm(upper[0] - found.wire[-1])
+    line = upper[::-1].copy() if flipped else upper.copy()
+    share = np.linspace(0, 1, len(line))[:, None]
+    first, last = np.clip(1 - 3 * share, 0, 1), np.clip(3 * share - 2, 0, 1)
+    return line + first * (found.wire[0] - line[0]) + last * (found.wire[-1] - line[-1])
+
+
+def _check_outer_end(wire: np.ndarray, marks: Landmarks) -> None:
+    outer = marks.points.get("outer_end")
+    away = 0.0 if outer is None else float(np.linalg.norm(wire[-1] - outer))
+    if away > END_TOLERANCE:
+        cause = f"landmarks.outer_end: {away:.1f} mm from the outer end of the wire"
+        raise InputError(marks.path, cause, f"Both mark the same point: bring them within {END_TOLERANCE:g} mm")
+
+
+def _front(cloud: Cloud, marks: Landmarks) -> np.ndarray:
+    """A point in front of the chest: the apex, or else the middle of the breast's points."""
+    if "apex" in marks.points:
+        return marks.points["apex"]
+    chosen = cloud.points if cloud.inside is None else cloud.points[cloud.inside]
+    return np.median(chosen, axis=0)

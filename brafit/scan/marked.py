@@ -1,0 +1,142 @@
+"""A cloud with the marks of its breasts, in millimetres: read, proposed, or carried over from the other side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from brafit.errors import InputError
+from brafit.scan.body import TORSO_SIZE, proposed_landmarks
+from brafit.scan.checks import polyline_length
+from brafit.scan.landmarks import Landmarks, read_breasts
+from brafit.scan.read import Cloud
+from brafit.scan.symmetry import Mirror, mirror_of
+from brafit.scan.units import MILLIMETRES, NAMES, Units, body_unit, cloud_unit, wire_unit
+
+MIRROR_RMS = 3.0
+"""Largest rms (mm) between a body and its mirror image at which marks are carried over to its other side."""
+SIDES_APART = 30.0
+"""Marks that their mirror image is nearer to (mm, median) are not those of a breast."""
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """A whole scan, in millimetres, and what is known of it as a body."""
+
+    cloud: Cloud
+
+    @cached_property
+    def is_torso(self) -> bool:
+        """Whether it is large enough for a body with two sides."""
+        return float(np.linalg.norm(np.ptp(self.cloud.points, axis=0))) >= TORSO_SIZE
+
+    @cached_property
+    def mirror(self) -> Mirror:
+        """The plane between left and right."""
+        return mirror_of(self.cloud.points)
+
+
+@dataclass(frozen=True, eq=False)
+class Marked:
+    """A scan and its marks, in millimetres.
+
+    Attributes:
+        whole: the scan.
+        breasts: the marks of one breast or both; the first is the one that is meant if no side is named.
+        units: of the files.
+    """
+
+    whole: Whole
+    breasts: tuple[Landmarks, ...]
+    units: Units
+
+    @property
+    def cloud(self) -> Cloud:
+        """All points of the scan."""
+        return self.whole.cloud
+
+    def of(self, side: str | None) -> tuple[Landmarks, str]:
+        """The marks of a side (None: the first), and where they are from: `given`, `proposed` or `mirrored`.
+
+        Raises:
+            InputError: the side is not marked, and its marks cannot be carried over from the other.
+        """
+        found = next((marks for marks in self.breasts if side in (None, marks.side)), None)
+        if found is not None:
+            return found, origin_of(found)
+        return self._mirrored(self.breasts[0], str(side)), "mirrored"
+
+    def _mirrored(self, marks: Landmarks, side: str) -> Landmarks:
+        if not self.whole.is_torso:
+            cause = f"side={side}: it marks the {marks.side} breast, and the cloud is no whole torso"
+            remedy = f"Set scan.side={marks.side}, or scan.side=null for what each file marks"
+            raise InputError(marks.path, cause, remedy)
+        flipped = marks.mapped(self.whole.mirror, side=side)
+        away = float(np.median(np.linalg.norm(flipped.positions() - marks.positions(), axis=1)))
+        if self.whole.mirror.rms > MIRROR_RMS or away < SIDES_APART:
+            symmetric = "the body is not symmetric enough to mirror it"
+            cause = f"side={side}: it marks the {marks.side} breast only, and {symmetric}"
+            raise InputError(marks.path, cause, f"Add the {side} breast to the landmark file: breasts: [...]")
+        return flipped
+
+
+def origin_of(marks: Landmarks) -> str:
+    """`given` or `proposed`."""
+    return "proposed" if marks.proposed else "given"
+
+
+def with_marks(raw: Cloud, path: Path, units: str | None, propose: bool) -> Marked:
+    """A cloud as it was read, and the marks in its landmark file.
+
+    Args:
+        path: the landmark file.
+        units: the unit of both, if it is said.
+        propose: propose marks where there is no such file.
+
+    Raises:
+        InputError: there are no marks; they cannot be read; the files' units are in doubt or contradict each other.
+    """
+    if path.exists():
+        return _given(raw, path, units)
+    if not propose:
+        remedy = f"Write {path.name} (brafit-inspect proposes one), or set scan.propose=true"
+        raise InputError(raw.path, f"no landmark file {path.name} beside the cloud", remedy)
+    unit = units or body_unit(raw.path, raw.points)
+    whole = _scaled(raw, unit)
+    proposed = proposed_landmarks(raw.path, whole.cloud.points)
+    return Marked(whole, tuple(proposed), Units(unit, unit, "" if units else "the depth of the body"))
+
+
+def _given(raw: Cloud, path: Path, units: str | None) -> Marked:
+    breasts = read_breasts(path)
+    declared = breasts[0].units
+    unit, found = _marks_unit(raw, breasts, units or declared)
+    breasts = [marks.mapped(lambda p: p * MILLIMETRES[unit], units="mm") for marks in breasts]
+    placed = np.concatenate([marks.positions() for marks in breasts])
+    of_cloud = units or (cloud_unit(raw.points, placed) if len(placed) > 3 else None) or unit
+    if of_cloud != unit and declared:
+        cause = f"the cloud is in {NAMES[of_cloud]}, its landmark file {path.name} says units {declared!r}"
+        remedy = (
+            f'Export the cloud in {NAMES[unit]}; or take "units" out of {path.name}, and each file\'s unit is found'
+        )
+        raise InputError(raw.path, cause, remedy)
+    if of_cloud != unit:
+        found = "how the landmarks lie on the cloud"
+    return Marked(_scaled(raw, of_cloud), tuple(breasts), Units(of_cloud, unit, found))
+
+
+def _marks_unit(raw: Cloud, breasts: list[Landmarks], said: str | None) -> tuple[str, str]:
+    """The landmark file's unit and what it was found from."""
+    if said:
+        return said, ""
+    wire = next((marks.wire for marks in breasts if marks.wire is not None), None)
+    if wire is not None:
+        return wire_unit(breasts[0].path, polyline_length(wire)), "the length of the wire"
+    return body_unit(raw.path, raw.points), "the depth of the body"
+
+
+def _scaled(cloud: Cloud, unit: str) -> Whole:
+    return Whole(cloud if unit == "mm" else replace(cloud, points=cloud.points * MILLIMETRES[unit]))
