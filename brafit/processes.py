@@ -246,6 +246,7 @@ def serve(connection: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever sent for it decides what an interrupt means
     os.dup2(2, 1)  # the output is the caller's
     _limit_memory()
+    _end_with_parent()
 
     def tell(content: Any) -> None:
         connection.send_bytes(pickle.dumps(("told", content), pickle.HIGHEST_PROTOCOL))
@@ -270,6 +271,15 @@ def _done(name: Function, arguments: tuple, tell: Callable[[Any], None]) -> byte
             plain = RuntimeError(f"{type(error).__name__}: {error}")
             data = pickle.dumps(("raised", (plain, trace)), pickle.HIGHEST_PROTOCOL)
         return data
+
+
+def _end_with_parent() -> None:
+    """Do not go on for nobody where the caller is killed: then the process that this one was forked from ends."""
+    if sys.platform == "linux":
+        import ctypes
+
+        pr_set_pdeathsig = 1
+        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
 
 
 def _limit_memory() -> None:

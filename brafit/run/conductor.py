@@ -26,6 +26,12 @@ LEAST = 4
 """Scans that are worth a batch of their own, where there are fewer than fill one for every worker."""
 AHEAD = 2
 """Files of each worker that may be loaded ahead of a batch, in batches."""
+_REMEDIES = {
+    "reading it": "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds",
+    "preparing it": "Look at it in a viewer; a very large cloud may need more: scan.read_seconds",
+    "fitting it": "Fit it alone, or with other settings; a slow fit may need more: patience",
+    "writing its results": "Run it again; a slow disk may need more: patience",
+}
 
 
 def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
@@ -57,10 +63,11 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     return [done.row for done in conductor.done]
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Loading:
     ref: ScanRef
     again: bool = False
+    stage: str = "reading"
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,6 +250,8 @@ class _Conductor:
             if isinstance(task, _Fitting):
                 for sink in self.job.sinks:
                     sink.step(task.number, event.content)
+            elif isinstance(task, _Loading):
+                task.stage = event.content
             return
         del self.busy[key]
         if isinstance(event, Returned):
@@ -292,13 +301,13 @@ class _Conductor:
                 self.queues.refs.append(_Loading(task.ref, True))
             else:
                 for k in range(len(task.ref.names)):
-                    self._charge(task.ref, k, "reading it", event)
+                    self._charge(task.ref, k, f"{task.stage} it", event)
         else:
             raise BrafitError(f"{task.ref.path}: its failure cannot be written down: {event}")
 
     def _charge(self, ref: ScanRef, k: int, during: str, event: Raised | Lost) -> None:
         if isinstance(event, Lost):
-            reason = f"{ref.path}: {during} {_ending(event)}"
+            reason = f"{ref.path}: {during} {_ending(event)}. {_REMEDIES[during]}."
             self.queues.finishing.append(_Failing(ref, k, reason))
             return
         said = " ".join(str(event.error).split())[:200]

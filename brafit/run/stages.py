@@ -17,6 +17,7 @@ import numpy as np
 import torch
 
 from brafit import __version__
+from brafit.atomic import TEMPORARY
 from brafit.errors import BrafitError, InputError
 from brafit.fit import CupFit, Step, Target
 from brafit.pattern import Side
@@ -29,7 +30,8 @@ from brafit.run.dataset import dataset as dataset_of
 from brafit.run.job import Done, common_cause
 from brafit.run.recipe import Recipe
 from brafit.run.store import key_of, nest_file, restored
-from brafit.scan import Scan, load_scan, point_weights, uncovered_share
+from brafit.scan import Scan, load_sides, point_weights, read_cloud, uncovered_share
+from brafit.scan.engine import open3d
 
 Tell = Callable[[Any], None]
 QUANTILES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
@@ -52,7 +54,9 @@ def begin(
     source: bytes, scans: Sequence[str | Path], side: str | None, manifest: str | None, shard: str | None, tell: Tell
 ) -> tuple[list[ScanRef], list[str]]:
     """Make the recipe, so that wrong settings are known before anything else, and find the scans."""
-    _recipe(source)
+    recipe = _recipe(source)
+    if recipe.scan.get("points", 1) is not None or recipe.scan.get("outliers", 1) is not None:
+        open3d()  # what cannot be imported is to be known before anything else as well
     return dataset_of(scans, side, manifest, shard)
 
 
@@ -63,20 +67,37 @@ def load(source: bytes, ref: ScanRef, out: Path, resume: bool, tell: Tell) -> li
     except BrafitError as error:
         return [fail(source, replace(ref, overrides=()), k, str(error), out, tell) for k in range(len(ref.names))]
     results: list[Done | bytes] = []
-    for k, (name, side, position) in enumerate(zip(ref.names, ref.sides, ref.positions, strict=True)):
-        tell("reading")
-        try:
-            key = key_of(ref, side, recipe.settings)
-            kept = restored(out, name, position, key, recipe.pattern.nest) if resume else None
-            if kept is not None:
-                results.append(kept)
-                continue
-            scan = load_scan(ref.path, name=name, landmarks=ref.landmarks, **{**recipe.scan, "side": side})
-            results.append(pickle.dumps((ref, k, key, scan), pickle.HIGHEST_PROTOCOL))
-        except BrafitError as error:
-            cause = error.cause if isinstance(error, InputError) else str(error)
-            results.append(_failure(recipe, ref, k, str(error), cause, out))
+    tell("reading")
+    keys = [key_of(ref, side, recipe.settings) for side in ref.sides]
+    places = list(zip(ref.names, ref.positions, keys, strict=True))
+    kept = [restored(out, *place, recipe.pattern.nest) if resume else None for place in places]
+    left = [k for k, done in enumerate(kept) if done is None]
+    scans = _loaded(recipe, ref, [ref.sides[k] for k in left], tell) if left else []
+    found = dict(zip(left, scans, strict=True))
+    for k, done in enumerate(kept):
+        scan = found.get(k)
+        if isinstance(scan, BrafitError):
+            cause = scan.cause if isinstance(scan, InputError) else str(scan)
+            results.append(_failure(recipe, ref, k, str(scan), cause, out))
+        elif scan is not None:
+            named = replace(scan, name=ref.names[k])
+            results.append(pickle.dumps((ref, k, keys[k], named), pickle.HIGHEST_PROTOCOL))
+        elif done is not None:
+            results.append(done)
     return results
+
+
+def _loaded(recipe: Recipe, ref: ScanRef, sides: Sequence[str | None], tell: Tell) -> Sequence[Scan | BrafitError]:
+    """The breasts of a file, from one reading of it."""
+    settings = dict(recipe.scan)
+    reading = {key: settings.pop(key) for key in ("read_seconds", "mesh_points") if key in settings}
+    try:
+        limits = {"seconds" if key == "read_seconds" else key: value for key, value in reading.items()}
+        cloud = read_cloud(ref.path, **limits, apart=False)  # this process is watched, and may be lost
+        tell("preparing")
+        return load_sides(cloud, sides, landmarks=ref.landmarks, **settings)
+    except BrafitError as error:
+        return [error] * len(sides)
 
 
 def fit(source: bytes, scans: Sequence[bytes], watched: Sequence[str], tell: Tell) -> list[bytes]:
@@ -96,6 +117,8 @@ def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell:
     row = fitted_row(cup, loaded.side, len(loaded.points), recipe.model, loaded.neckline is not None)
     if row["status"] != "ok":
         return _failure(recipe, ref, k, row["reason"], cup.code.value, out, row)
+    for stale in (out / loaded.name).glob(f"{TEMPORARY}*"):  # of a run that was killed
+        stale.unlink(missing_ok=True)
     result = result_of(recipe, loaded, cup)
     extra = _scan_facts(loaded, cup) | _provenance(recipe, ref.path)
     result.save(out / loaded.name, extra | {"position": ref.positions[k], "key": key})
@@ -115,7 +138,7 @@ def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell:
 
 def fail(source: bytes, ref: ScanRef, k: int, reason: str, out: Path, tell: Tell) -> Done:
     """The failure of a breast that could not be told by what failed: its process is gone."""
-    return _failure(_recipe(source), ref, k, reason, reason.replace(str(ref.path), ""), out)
+    return _failure(_recipe(source), ref, k, reason, reason.replace(f"{ref.path}: ", ""), out)
 
 
 def _failure(

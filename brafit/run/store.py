@@ -55,6 +55,8 @@ def key_of(ref: ScanRef, side: str | None, settings: Mapping[str, Any]) -> str:
 
 
 def _digest(file: Path) -> bytes:
+    if not file.is_file():  # a pipe would be waited for
+        return b""
     try:
         with file.open("rb") as content:
             return hashlib.file_digest(content, "sha256").digest()

@@ -73,6 +73,10 @@ def _check_wire_length(file: Path, length: float) -> None:
 def _check_cloud_size(file: Path, points: np.ndarray, length: float) -> None:
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     if size < CLOUD_SIZE * length:
+        distinct = len(np.unique(points, axis=0))
+        if distinct < MIN_POINTS:
+            cause = f"only {distinct} of its {len(points)} points are distinct"
+            raise InputError(file, cause, "Export the cloud again, or scan again")
         cause = f"the whole cloud is only {size:.3g} mm across, its wire is {length:.0f} mm long"
         raise InputError(
             file, cause, "Check that cloud and landmark file belong together, and their units (scan.units)"

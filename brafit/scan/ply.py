@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from brafit.scan.engine import listening, open3d
 
@@ -56,11 +56,19 @@ def ply_elements(path: Path) -> list[Element]:
     return elements
 
 
-def cloud_ply(points: Float[np.ndarray, "n 3"], comment: str = "units mm") -> bytes:
-    """A cloud as a binary PLY in single precision."""
-    properties = "".join(f"property float {axis}\n" for axis in "xyz")
+def cloud_ply(
+    points: Float[np.ndarray, "n 3"], comment: str = "units mm", inside: Bool[np.ndarray, " n"] | None = None
+) -> bytes:
+    """A cloud as a binary PLY in single precision, with the flag `inside` where it is given."""
+    fields = [(axis, "<f4") for axis in "xyz"] + ([] if inside is None else [("inside", "u1")])
+    table = np.empty(len(points), dtype=fields)
+    for axis, values in zip("xyz", points.T, strict=True):
+        table[axis] = values
+    if inside is not None:
+        table["inside"] = inside
+    properties = "".join(f"property {'float' if kind == '<f4' else 'uchar'} {name}\n" for name, kind in fields)
     header = f"comment {comment}\nelement vertex {len(points)}\n{properties}end_header\n"
-    return f"ply\nformat binary_little_endian 1.0\n{header}".encode() + points.astype("<f4").tobytes()
+    return f"ply\nformat binary_little_endian 1.0\n{header}".encode() + table.tobytes()
 
 
 def read_vertices(path: Path) -> dict[str, np.ndarray]:

@@ -106,6 +106,8 @@ def _check_file(path: Path) -> None:
         raise InputError(path, "is a folder without usable scans", "Name a folder with clouds and landmark files")
     if not path.exists():
         raise InputError(path, "there is no such file", "Check the path")
+    if not path.is_file():
+        raise InputError(path, "is no regular file, but a pipe, a device or the like", "Name a cloud")
     if path.suffix.lower() not in FORMATS:
         raise InputError(path, f"is not a cloud of a known format ({formats})", "Name a cloud, or export it as .ply")
     try:
