@@ -313,10 +313,11 @@ def uncrowd(points: Float[np.ndarray, "n 3"], count: int) -> Bool[np.ndarray, " 
         alive[gone] = False
         excess -= 1
         for k in whose.of(gone):
-            if alive[k] and partner[k] == gone and (two := left(k)):
-                closest[k], partner[k] = two[0]
-                whose.add(partner[k], k)
-                heappush(changed, (closest[k], k))
+            if alive[k] and partner[k] == gone:
+                closest[k], partner[k] = next(iter(left(k)), (np.inf, -1))
+                if partner[k] >= 0:
+                    whose.add(partner[k], k)
+                    heappush(changed, (closest[k], k))
     return alive
 
 
