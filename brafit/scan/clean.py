@@ -5,17 +5,17 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, field
-from heapq import heapify, heappop, heappush
+from heapq import heappop, heappush
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from brafit.errors import ConfigError
 from brafit.scan.crop import crop
 from brafit.scan.engine import open3d
-from brafit.scan.neighbours import Neighbours
+from brafit.scan.neighbours import Neighbours, nearest
 from brafit.scan.surface import NEIGHBOURS, Surface, links, on_surface, parts, settle, surface_of
 
 SURPLUS, SLACK = 1.2, 1.25
@@ -282,41 +282,60 @@ def uncrowd(points: Float[np.ndarray, "n 3"], count: int) -> Bool[np.ndarray, " 
     alive = np.ones(len(points), dtype=bool)
     if len(points) <= count:
         return alive
-    found = KDTree(points).query(points, k=min(17, len(points)))
-    distances, near = ([row[1:] for row in np.asarray(values).tolist()] for values in found)
-    left = [True] * len(points)
-    # The nearest point that is left of each, and whose nearest a point is.
-    nearest, whose = [row[0] for row in near], [[] for _ in near]
-    for k, other in enumerate(nearest):
-        whose[other].append(k)
-    pairs = [(row[0], k) for k, row in enumerate(distances)]
-    heapify(pairs)
+    distances, near = (found[:, 1:] for found in nearest(KDTree(points), points, min(17, len(points))))
+    closest, partner, whose = distances[:, 0].tolist(), near[:, 0].tolist(), _Partners(near[:, 0])
+
+    def left(k: int) -> list[tuple[float, int]]:
+        """Distances and indices of the two nearest of a point's neighbours that are left."""
+        pairs = zip(distances[k].tolist(), near[k].tolist(), strict=True)
+        return list(itertools.islice((pair for pair in pairs if alive[pair[1]]), 2))
+
+    # Of many points few are touched, so the first pairs are a sorted list, and only those that change a heap.
+    sorted_pairs = zip(
+        np.sort(distances[:, 0]).tolist(), np.argsort(distances[:, 0], kind="stable").tolist(), strict=True
+    )
+    changed: list[tuple[float, int]] = []
+    pair = next(sorted_pairs, None)
     excess = len(points) - count
     while excess:
-        away, first = heappop(pairs)
-        if not left[first] or nearest[first] < 0 or distances[first][near[first].index(nearest[first])] != away:
+        if changed and (pair is None or changed[0] < pair):
+            away, first = heappop(changed)
+        elif pair is not None:
+            (away, first), pair = pair, next(sorted_pairs, None)
+        else:  # no point knows another that is left
+            alive[alive] = uncrowd(points[alive], count)
+            break
+        if not alive[first] or closest[first] != away:
             continue  # out of date
-        second = nearest[first]
-        gone = first if _third(first, left, near, distances) < _third(second, left, near, distances) else second
-        left[gone] = False
+        second = partner[first]
+        thirds = [two[1][0] if len(two) > 1 else np.inf for two in map(left, (first, second))]
+        gone = first if thirds[0] < thirds[1] else second
+        alive[gone] = False
         excess -= 1
-        if gone == second:
-            heappush(pairs, (away, first))
-        for k in whose[gone]:
-            if left[k] and nearest[k] == gone:
-                # All 16 neighbours gone: so lonely by now that it stays.
-                place = next((i for i, other in enumerate(near[k]) if left[other]), None)
-                nearest[k] = -1 if place is None else near[k][place]
-                if place is not None:
-                    whose[near[k][place]].append(k)
-                    heappush(pairs, (distances[k][place], k))
-    return np.array(left)
+        for k in whose.of(gone):
+            if alive[k] and partner[k] == gone:
+                closest[k], partner[k] = next(iter(left(k)), (np.inf, -1))
+                if partner[k] >= 0:
+                    whose.add(partner[k], k)
+                    heappush(changed, (closest[k], k))
+    return alive
 
 
-def _third(k: int, left: list[bool], near: list[list[int]], distances: list[list[float]]) -> float:
-    """Distance of the second of a point's neighbours that are left."""
-    there = (away for away, other in zip(distances[k], near[k], strict=True) if left[other])
-    return next(itertools.islice(there, 1, None), np.inf)
+class _Partners:
+    """Which points have a point as their nearest one."""
+
+    def __init__(self, nearest: Int[np.ndarray, " n"]) -> None:
+        self._order = np.argsort(nearest, kind="stable")
+        self._starts = np.searchsorted(nearest[self._order], np.arange(len(nearest) + 1))
+        self._added: dict[int, list[int]] = {}
+
+    def of(self, k: int) -> list[int]:
+        """Those of a point, some of them maybe no longer."""
+        return self._order[self._starts[k] : self._starts[k + 1]].tolist() + self._added.get(k, [])
+
+    def add(self, k: int, other: int) -> None:
+        """Another one has it as its nearest now."""
+        self._added.setdefault(k, []).append(other)
 
 
 def _voxel_for(points: np.ndarray, count: int) -> float:

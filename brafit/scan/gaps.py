@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import KDTree
 
@@ -110,23 +110,19 @@ class _Chart:
 
 
 def _within(polygon: np.ndarray, step: float) -> np.ndarray:
-    """Places of a square grid within a closed polygon."""
+    """Places of a square grid within a closed polygon: a ray from them along x crosses an odd number of its sides."""
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     step = max(step, float((high - low).max()) / 400)
-    grid = np.stack(np.meshgrid(*(np.arange(a, b, step) for a, b in zip(low, high, strict=True)), indexing="ij"), -1)
-    grid = grid.reshape(-1, 2)
-    return grid[_inside(polygon, grid)]
-
-
-def _inside(polygon: np.ndarray, places: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """By the number of sides that a ray crosses."""
-    inside = np.zeros(len(places), dtype=bool)
-    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        level = (a[1] > places[:, 1]) != (b[1] > places[:, 1])
-        if level.any():
-            crossing = a[0] + (places[level, 1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-            inside[level] ^= places[level, 0] < crossing
-    return inside
+    x, y = (np.arange(a, b, step) for a, b in zip(low, high, strict=True))
+    start, end = polygon, np.roll(polygon, -1, axis=0)
+    side, row = np.nonzero((start[:, 1:] > y) != (end[:, 1:] > y))
+    a, b = start[side], end[side]
+    crossing = a[:, 0] + (y[row] - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    # Each crossing is counted at the first place beyond it, and so by all places before that.
+    counts = np.zeros((len(x) + 1, len(y)), dtype=int)
+    np.add.at(counts, (np.searchsorted(x, crossing), row), 1)
+    i, j = np.nonzero(counts[::-1].cumsum(axis=0)[::-1][1:] % 2)
+    return np.stack([x[i], y[j]], axis=1)
 
 
 def _distinct(places: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,8 @@ CLEAR = 1e-3
 would lose digits, and LAPACK is asked instead."""
 CHUNK = 1024
 """Points whose neighbours are looked at together: so that they stay in the processor's cache."""
+LEAST = {np.dtype(np.float64): 1e-100, np.dtype(np.float32): np.float32(1e-12)}
+"""A spread (of eigenvalues whose largest entry is 1) that counts as none."""
 ROUNDS = 3
 """In which a plane is fitted again without what lies far off it."""
 
@@ -33,7 +35,7 @@ def least_axes(moments: Float[np.ndarray, "6 n"]) -> Float[np.ndarray, "3 n"]:
     a, b, c = xx - mean, yy - mean, zz - mean
     spread = np.sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
     half = (a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)) / 2
-    cosine = np.clip(half / np.maximum(spread, 1e-100) ** 3, -1.0, 1.0)
+    cosine = np.clip(half / np.maximum(spread, LEAST[spread.dtype]) ** 3, -1.0, 1.0)
     least = 2 * spread * np.cos(np.arccos(cosine) / 3 + 2 * np.pi / 3)
     a, b, c = a - least, b - least, c - least
     crossed = np.array([
@@ -84,14 +86,15 @@ def distances_off(
         part = slice(start, start + CHUNK)
         own = columns[:, chosen[part]]
         others = np.take(columns, np.ascontiguousarray(near[part].T), axis=1) - own[:, None]
-        distances[part] = _distance_off(others)
+        # Offsets of a few mm: single precision is exact to a millionth of that, and half the work.
+        distances[part] = _distance_off(others.astype(np.float32))
     return distances
 
 
 def _distance_off(others: Float[np.ndarray, "3 k m"]) -> Float[np.ndarray, " m"]:
     """Distance of the origin from the plane through others."""
     count = others.shape[1]
-    weights = np.ones(others.shape[1:])
+    weights = np.ones(others.shape[1:], dtype=others.dtype)
     distance = np.zeros(others.shape[2])
     for left in reversed(range(ROUNDS)):
         centre = np.einsum("km,ikm->im", weights, others) / weights.sum(axis=0)

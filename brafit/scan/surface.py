@@ -29,6 +29,8 @@ FACING = 0.3
 """Least cosine between the normals of linked points."""
 WIDTH = 4.0
 """A point so many times the cloud's noise off the plane of its neighbours floats."""
+BEHIND = 0.2
+"""Most breasts look everywhere away from a place so far behind their middle, over the size of the cloud."""
 BELL = 1.0001
 """The foot of the bell in `settle` over its radius: so that the last of the 8 nearest has some weight."""
 LEAST, MOST = 8, 64
@@ -85,7 +87,8 @@ def surface_of(
     """
     known = Neighbours.of(points, NEIGHBOURS) if known is None else known
     distances, near = known.distances[:, :NEIGHBOURS], known.near[:, :NEIGHBOURS]
-    normals = _one_side(normals_at(points, near), distances, near, outward)
+    behind = points.mean(axis=0) - BEHIND * float(np.linalg.norm(np.ptp(points, axis=0))) * outward
+    normals = _one_side(normals_at(points, near), distances, near, points - behind)
     if np.median(normals @ outward) < 0:
         normals = -normals
     return Surface(points, normals, float(np.median(distances[:, 1:5].mean(axis=1))), known)
@@ -226,13 +229,17 @@ def _one_side(
     normals: Float[np.ndarray, "n 3"],
     distances: Float[np.ndarray, "n k"],
     near: Int[np.ndarray, "n k"],
-    outward: Float[np.ndarray, "3"],
+    outwards: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n 3"]:
     """Turn normals so that neighbours agree, going along the spanning tree of least change (Hoppe et al. 1992).
 
     Parts of the graph that hang together only by longer links are joined by these, at a high price.
+
+    Args:
+        outwards: a direction for each point to which its normal may look: where all neighbours then agree, no tree is
+            needed.
     """
-    turned = normals * np.where(normals @ outward < 0, -1.0, 1.0)[:, None]
+    turned = normals * np.where((normals * outwards).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     cosines = _cosines(turned, near[:, 1:])
     if (cosines >= 0).all():  # every tree would say the same
         return turned

@@ -16,6 +16,17 @@ def test_exactly_as_many_points_as_wanted(count):
     assert len(points) == min(count or 1500, 1500)
 
 
+@pytest.mark.parametrize("count", [1, 20, 700, 999])
+def test_points_are_taken_out_down_to_any_number(count):
+    assert uncrowd(np.random.default_rng(0).standard_normal((1000, 3)), count).sum() == count
+
+
+def test_of_the_closest_pair_the_one_with_the_nearer_third_goes():
+    line = np.array([[0.0, 0, 0], [3, 0, 0], [4, 0, 0], [9, 0, 0], [12, 0, 0]])
+    np.testing.assert_array_equal(uncrowd(line, 4), [True, False, True, True, True])
+    np.testing.assert_array_equal(uncrowd(line, 3), [True, False, True, False, True])
+
+
 def test_what_is_left_is_even_and_covers_the_whole():
     dense = cup_frame_points(20000)
     points, voxel = thin(dense, 500)

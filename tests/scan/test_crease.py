@@ -10,7 +10,7 @@ from brafit.geometry.polyline import evenly_spaced
 from brafit.samples import sample_paths
 from brafit.scan import load_scan
 from brafit.scan.body import PROTRUDING, Body, apex_of
-from brafit.scan.crease import ABOVE, BODY_UP, laid, trace
+from brafit.scan.crease import ABOVE, BODY_UP, concavity, laid, plainness, trace
 from brafit.scan.crop import facing, neckline_over
 from brafit.scan.fold import folds, rim
 from brafit.scan.surface import Surface, surface_of
@@ -79,6 +79,19 @@ def test_the_wire_of_a_ball_on_a_chest():
     assert np.sqrt((off_circle(wire) ** 2).mean()) < 1.5
     assert wire[0, 1] < 0 < wire[-1, 1]
     assert abs((wire[[0, -1]] @ BODY_UP).mean() - ABOVE) < 1.5, "the ends are above the apex, the origin, by the rule"
+
+
+def test_how_plain_a_crease_is_needs_no_wire():
+    surface = ball_on_a_chest()
+    assert plainness(surface) == trace(surface).hollow
+    flat = np.random.default_rng(1).uniform(-150, 150, (16_000, 2))
+    assert plainness(surface_of(np.column_stack([flat, np.full(len(flat), -RADIUS)]), FRONT)) < 0.02
+
+
+def test_concavity_at_some_points_is_that_of_all():
+    surface = ball_on_a_chest()
+    chosen = np.arange(0, len(surface.points), 37)
+    np.testing.assert_allclose(concavity(surface, 12.0, chosen), concavity(surface, 12.0)[chosen], atol=1e-12)
 
 
 def test_a_wire_of_a_size_lies_in_the_crease():
