@@ -111,11 +111,13 @@ class Result:
 
     def dimensions(self) -> list[Dimension]:
         """Finished dimensions of pieces and cup."""
-        return dimensions(self.shape, self.patterns(), self.apex, self.target.strap_point, self._dimension_sd)
+        return list(self._dimensions)
 
     @cached_property
-    def _dimension_sd(self) -> dict[tuple[str, str], float]:
-        return dimension_deviation(self.fit, self.fit.alternatives, self.apex, self.target.strap_point)
+    def _dimensions(self) -> list[Dimension]:
+        marks = (self.apex, self.target.strap_point)
+        deviation = dimension_deviation(self.fit, self.fit.alternatives, *marks)
+        return dimensions(self.shape, self.patterns(), *marks, deviation)
 
     def row(self) -> dict[str, Any]:
         """This cup's row of summary.csv."""

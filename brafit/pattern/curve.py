@@ -30,8 +30,10 @@ _ORDER = 5.0
 """The error of an arc grows with about this power of its length."""
 _DAMPING = 1e-3
 """Of the handles' lengths, in squared mm of error by mm."""
-_ROUNDS, _REFINEMENTS = 10, 2
-"""Rounds of moving joints at most, and those of them that look for fewer arcs."""
+_FEWER = 0.75
+"""Good arcs are tried anew where this share of them seems to do."""
+_ROUNDS = 10
+"""Rounds of moving joints at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,8 +266,7 @@ class _Search:
             self._wanted = np.full(_CELLS, stretch.arcs / _CELLS)
         self._count = max(1, round(float(self._wanted.sum())))
         self._joints = self._placed()
-        self._best: Complex[ndarray, "arcs 4"] | None = None
-        self._refined = 0
+        self._found: Complex[ndarray, "arcs 4"] | None = None
         self.done = False
 
     def samples(self) -> tuple[Complex[ndarray, "arcs k"], Complex[ndarray, "arcs k"]]:
@@ -274,8 +275,9 @@ class _Search:
 
     def judge(self, arcs: Complex[ndarray, "arcs 4"], errors: Float[ndarray, " arcs"]) -> None:
         """Learn from the arcs that were tried."""
-        if errors.max() <= self._goal and (self._best is None or len(arcs) < len(self._best)):
-            self._best = arcs
+        good = bool(errors.max() <= self._goal)
+        if good:
+            self._found = arcs
         middles = (self._grid[1:] + self._grid[:-1]) / 2
         owner = np.clip(np.searchsorted(self._joints, middles) - 1, 0, len(arcs) - 1)
         wanted = np.clip(errors / self._goal, 0.01, 30.0) ** (1 / _ORDER)
@@ -283,28 +285,21 @@ class _Search:
         wanted = np.maximum(wanted, np.bincount(owner, self._turn, len(arcs)) / (1.5 * _TURN))
         self._wanted *= (wanted / np.maximum(np.bincount(owner, self._wanted, len(arcs)), 1e-9))[owner]
         needed = int(np.ceil(wanted.sum()))
-        if self._best is None:
-            self._count = max(needed, len(arcs) + 1)
-        else:
-            self.done = needed >= len(self._best) or self._refined == _REFINEMENTS
-            self._refined += 1
-            self._count = needed
+        self.done = self._found is not None and not (good and needed <= _FEWER * len(arcs))
+        self._count = needed if good else max(needed, len(arcs) + 1)
         self._joints = self._placed()
 
     def result(self) -> Curve:
-        """The fewest arcs that were good; where there are none, those that were bad are halved until they are."""
-        joints = self._joints
-        for _ in range(20):
-            if self._best is not None:
-                break
+        """The arcs that were good; where there are none, those that are bad are halved until they are."""
+        joints, found = self._joints, self._found
+        while found is None:
             arcs, errors = _fit_arcs(*_sampled(self._trace, joints))
             bad = (errors > self._goal) & (np.diff(joints) > 1e-6 * (self._grid[-1] - self._grid[0]))
             if not bad.any():  # what is bad still is a kink
-                self._best = arcs
+                found = arcs
             middles = (joints[1:] + joints[:-1]) / 2
             joints = np.sort(np.concatenate((joints, middles[bad])))
-        assert self._best is not None
-        return Curve(_pairs(self._best))
+        return Curve(_pairs(found))
 
     def _placed(self) -> Float[ndarray, " joints"]:
         """As many arcs as wanted, joints as dense as wanted."""

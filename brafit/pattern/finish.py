@@ -24,8 +24,8 @@ _DOUBLE = 3.0
 """Distance in mm of the two cuts of a double notch."""
 _APART = 8.0
 """Notches that differ in meaning keep this distance in mm along the edge."""
-_FINE = 0.005
-"""Tolerance in mm of the polylines that areas and overlaps are found with."""
+_FINE, _COARSE = 0.005, 0.02
+"""Tolerances in mm of the polylines that overlaps are found with, and room for texts."""
 
 
 @dataclass(frozen=True)
@@ -295,11 +295,11 @@ def _finish(
         for i, (edge, curve, after, width) in enumerate(zip(piece.edges, sewn.curves, eased, widths, strict=True))
         for place in places[edge.name]
     ]
-    inside = valid_polygon(sewn.outline)
+    inside = valid_polygon(closed(eased, _COARSE))
     holes = [replace(hole, point=hole.point * _stretch(options)) for hole in piece.holes]
-    holes = [hole for hole in holes if inside.buffer(-2.0).contains(Point(*hole.point))]
+    holes = [hole for hole in holes if inside.contains(Point(*hole.point).buffer(2.0))]
     grain = _grain_line(inside, options.grain, holes)
-    sight = Sight(inside, Polygon(outline), [tick for notch in notches for tick in notch.ticks])
+    sight = Sight(inside, Polygon(closed(cut, _COARSE)), [tick for notch in notches for tick in notch.ticks])
     for hole in holes:
         sight.take(Point(*hole.point).buffer(3.5))
     sight.take(LineString(grain).buffer(1.6))

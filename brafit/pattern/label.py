@@ -26,9 +26,7 @@ _LARGEST, _READABLE, _SMALLEST = 5.0, 2.5, 1.7
 _CAPTIONS = (2.2, 1.8)
 """Heights of letters in mm that captions are tried in."""
 _CLEAR = 0.8
-"""Distance in mm that texts keep from lines."""
-_COARSE = 0.02
-"""Tolerance in mm of the outlines that room is looked for in."""
+"""Distance in mm that texts keep from lines, all but a hundredth."""
 _LABEL_CLEAR = 1.5
 """Distance in mm that a label keeps from sewing lines."""
 
@@ -120,15 +118,15 @@ class Sight:
     """What is free on a piece.
 
     Args:
-        inside: within the sewing lines.
+        inside: within the sewing lines, to 0.02 mm.
         cut: within the cut line.
         marks: lines that are drawn there, such as notches.
     """
 
     def __init__(self, inside: Polygon, cut: Polygon, marks: Sequence[Float[ndarray, "2 2"]] = ()):
-        self.inside, self.cut = inside.simplify(_COARSE), cut.simplify(_COARSE)
+        self.inside, self.cut = inside, cut
         drawn = MultiLineString([self.inside.exterior.coords, self.cut.exterior.coords, *marks])
-        self._lines = drawn.buffer(_CLEAR + _COARSE)
+        self._lines = drawn.buffer(_CLEAR, quad_segs=4)
         for shape in (self.inside, self.cut, self._lines):
             shapely.prepare(shape)
         self._taken: list[BaseGeometry] = []
