@@ -24,7 +24,6 @@ from brafit.errors import InputError
 from brafit.fit import CupFit, ResultCode, Step, Target, fit_targets
 from brafit.fit.shards import prepare
 from brafit.pattern import Pattern, PatternOptions, Side
-from brafit.report.figures import fit_figure, pattern_figure
 from brafit.report.page import write_index
 from brafit.report.table import format_table, write_fit_json, write_summary
 from brafit.report.tensorboard import Recorder
@@ -193,10 +192,8 @@ def _finish(job: Job, scan: Scan, fit: CupFit, recorder: Recorder, nest: list[Pa
             result.save(job.out / scan.name, extra | _provenance(job, scan.path))
             for warning in (*fit.warnings, *result.patterns().warnings):
                 tqdm.write(f"warning: {scan.name}: {warning}", file=sys.stderr)
-            patterns = pattern_figure(result.patterns(), scan.name)
-            view = fit_figure(scan.points, fit.distances, fit.shape, scan.name, _side(scan))
-            recorder.images(scan.name, patterns=patterns, fit=view)
-            recorder.mesh(scan.name, fit.shape, scan.points, fit.distances)
+            recorder.images(scan.name, result.pictures())
+            recorder.mesh(scan.name, *result.mesh_view())
             nest += [result.patterns()] * job.pattern.nest
         except Exception as error:
             row |= {"status": "failed", "reason": _unexpected(job, error, "writing its results")}

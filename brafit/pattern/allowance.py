@@ -122,8 +122,9 @@ def _lies_around(outer: Float[ndarray, "n 2"], inner: Float[ndarray, "m 2"]) -> 
     shapely.prepare(held)
     out = inner[~shapely.contains_xy(around, inner)]
     within = outer[shapely.contains_xy(held, outer)]
-    apart = [*shapely.distance(around, shapely.points(out)), *shapely.distance(held.exterior, shapely.points(within))]
-    return bool(max(apart, default=0.0) <= 1e-3)
+    beyond = shapely.distance(around, shapely.points(out))
+    inside = shapely.distance(held.exterior, shapely.points(within))
+    return bool(np.max(np.concatenate((beyond, inside)), initial=0.0) <= 1e-3)
 
 
 def _corner(before: Curve, after: Curve, a: float, b: float, outward: float) -> Float[ndarray, "n 2"] | None:
@@ -201,7 +202,7 @@ def _strip(curve: Curve, distance: float) -> list[BaseGeometry]:
             parts.append(whole)
         else:
             folded[a:b] = True
-    return [*parts, *shapely.convex_hull(shapely.polygons(quads[folded]))]
+    return [*parts, *np.asarray(shapely.convex_hull(shapely.polygons(quads[folded])))]
 
 
 def _runs(mask: Bool[ndarray, " n"]) -> Int[ndarray, "k 2"]:
@@ -228,12 +229,12 @@ def _traced(
         trace = curve.parallel(outward * width)
         u = np.linspace(0, len(curve.controls), 80 * len(curve.controls) + 1)
         points, tangents = trace(u)
-        on = shapely.dwithin(shapely.points(points), outline, _NEAR)
+        on = np.asarray(shapely.dwithin(shapely.points(points), outline, _NEAR))
         on[1:-1] &= ((points[2:] - points[:-2]) * tangents[1:-1]).sum(1) > 0  # not where the parallel runs backwards
         for a, b in _runs(on):
             part = points[a:b]
             if b - a > 3 and np.linalg.norm(np.diff(part, axis=0), axis=1).sum() > 0.5:
-                first, last = shapely.line_locate_point(outline, shapely.points(part[[0, -1]]))
+                first, last = np.asarray(shapely.line_locate_point(outline, shapely.points(part[[0, -1]])))
                 ends.append((float(first), float(last)))
                 stretches.append(Stretch(trace, float(u[a]), float(u[b - 1])))
     runs = [(*places, curve) for places, curve in zip(ends, fit_curves(stretches, TOLERANCE), strict=True)]

@@ -91,7 +91,7 @@ class Curve:
             slope = np.linalg.norm(_derivatives(arcs, t[:, None])[:, 0], axis=1)
             step = (_arc_lengths(arcs, t) - goal) / np.maximum(slope, 1e-9)
             t = np.clip(t - step, 0.0, 1.0)
-            if (np.abs(step) < 1e-12).all():
+            if (np.abs(step) < 1e-9).all():
                 break
         return k + t
 
@@ -368,7 +368,7 @@ def _off(
 
 
 def _dot(a: Complex[ndarray, "n k"], b: Complex[ndarray, "n #k"]) -> Float[ndarray, "n k"]:
-    return a.real * b.real + a.imag * b.imag
+    return np.real(a) * np.real(b) + np.imag(a) * np.imag(b)
 
 
 def _sum(values: Float[ndarray, "arcs k"]) -> Float[ndarray, "arcs 1"]:
@@ -380,7 +380,7 @@ def _complex(points: Float[ndarray, "*n 2"]) -> Complex[ndarray, "*n"]:
 
 
 def _pairs(points: Complex[ndarray, "*n"]) -> Float[ndarray, "*n 2"]:
-    return np.stack((points.real, points.imag), axis=-1)
+    return np.stack((np.real(points), np.imag(points)), axis=-1)
 
 
 def _spline_trace(spline: CubicSpline) -> Trace:

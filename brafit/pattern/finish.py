@@ -6,6 +6,7 @@ import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +17,7 @@ from brafit.pattern.allowance import crossings, cut_outlines, signed_area, valid
 from brafit.pattern.curve import Curve, closed, curves_through, enclosed_area, right_of
 from brafit.pattern.label import Caption, Label, Sight, place_captions, place_label
 from brafit.pattern.options import PatternOptions
-from brafit.pattern.piece import Hole, Kind, Piece, Side
+from brafit.pattern.piece import Hole, Kind, Piece, Side, self_crossings
 
 Move = Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]]
 
@@ -97,6 +98,10 @@ class CutPiece:
     @property
     def bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
         """Lower left and upper right corner of all that is drawn."""
+        return self._bounds
+
+    @cached_property
+    def _bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
         drawn = [self.cut_outline(), self.label.corners, *(caption.corners for caption in self.captions)]
         points = np.concatenate(drawn)
         return points.min(0), points.max(0)
@@ -278,15 +283,14 @@ def _finish(
 ) -> CutPiece:
     piece, eased, widths, outward = sewn.piece, sewn.eased, sewn.widths, sewn.outward
     warnings = list(about)
-    crossings = len(replace(piece, edges=_as_edges(piece, eased)).crossings())
-    if crossings:
-        warnings.append(
-            f"the outline crosses itself{f' {crossings} times' * (crossings > 1)}: this piece cannot be sewn"
-        )
+    coarse = closed(eased, _COARSE)
+    crossed = len(self_crossings(coarse))
+    if crossed:
+        warnings.append(f"the outline crosses itself{f' {crossed} times' * (crossed > 1)}: this piece cannot be sewn")
     gap = max(float(np.linalg.norm(a.end - b.start)) for a, b in zip(eased, [*eased[1:], eased[0]], strict=True))
     if gap > options.seam_tolerance:
         warnings.append(f"the edges miss each other by {gap:.2f} mm at an end")
-    warnings += [] if crossings else messages
+    warnings += [] if crossed else messages
     outline = closed(cut, _FINE)
     if clipped := _too_wide(outline, options):
         warnings.append(clipped)
@@ -295,7 +299,7 @@ def _finish(
         for i, (edge, curve, after, width) in enumerate(zip(piece.edges, sewn.curves, eased, widths, strict=True))
         for place in places[edge.name]
     ]
-    inside = valid_polygon(closed(eased, _COARSE))
+    inside = valid_polygon(coarse)
     holes = [replace(hole, point=hole.point * _stretch(options)) for hole in piece.holes]
     holes = [hole for hole in holes if inside.contains(Point(*hole.point).buffer(2.0))]
     grain = _grain_line(inside, options.grain, holes)
@@ -321,10 +325,6 @@ def _finish(
         captions=captions,
         warnings=tuple(warnings),
     )
-
-
-def _as_edges(piece: Piece, curves: Sequence[Curve]) -> tuple:
-    return tuple(replace(edge, points=c.polyline(0.02)) for edge, c in zip(piece.edges, curves, strict=True))
 
 
 def _too_wide(outline: Float[ndarray, "n 2"], options: PatternOptions) -> str:

@@ -218,7 +218,7 @@ def _first(
     for size in _CAPTIONS:
         for group in places(words, size):
             along = np.where(group.along[:, :1] >= -1e-9, 1.0, -1.0) * group.along
-            boxes = shapely.polygons(_box(group.at, along, text_width(words, size), size))
+            boxes = _polygons(_box(group.at, along, text_width(words, size), size))
             free = sight.free(boxes)
             if group.within is not None:
                 free &= shapely.contains(group.within, boxes)
@@ -228,7 +228,7 @@ def _first(
                 return Caption(words, group.at[k], along[k], size)
     size = _CAPTIONS[-1]
     at = foot + np.arange(6.0, 60.0)[:, None] * outward
-    boxes = shapely.polygons(_box(at, level[None], text_width(words, size), size))
+    boxes = _polygons(_box(at, level[None], text_width(words, size), size))
     free = sight.free(boxes) & ~shapely.intersects(sight.cut, boxes)
     k = int(free.argmax()) if free.any() else len(at) - 1
     caption = Caption(words, at[k], level, size)
@@ -303,13 +303,13 @@ def _roomiest(
     shares = np.stack(np.meshgrid(np.linspace(0.1, 0.9, 17), np.linspace(0.15, 0.85, 11), indexing="ij"), axis=-1)
     centres = (low + (high - low) * shares.reshape(-1, 2)) @ turn
     if room.area > 0:
-        radius = shapely.maximum_inscribed_circle(room, tolerance=1.0)
+        radius = shapely.maximum_inscribed_circle(room, tolerance=1.0)  # type: ignore[arg-type]
         centres = np.vstack((shapely.get_coordinates(radius)[:1], centres))
     sizes = _SMALLEST * 1.05 ** np.arange(int(np.log(_LARGEST / _SMALLEST) / np.log(1.05)) + 1)
     extent = np.array(_extent(lines, notice, 1.0))
 
     def fits(size: float) -> Bool[ndarray, " n"]:
-        return shapely.contains(room, shapely.polygons(_box(centres, along[None], *(size * extent))))
+        return np.asarray(shapely.contains(room, _polygons(_box(centres, along[None], *(size * extent)))))
 
     # a text that fits fits smaller as well: the largest size that fits somewhere by bisection
     fit, at, least, most = 0.0, centres[0], 0, len(sizes)
@@ -337,6 +337,10 @@ def _box(
     across = np.stack((-along[..., 1], along[..., 0]), axis=-1)
     a, b = width / 2 * along, height / 2 * across
     return np.stack((at - a - b, at + a - b, at + a + b, at - a + b), axis=-2)
+
+
+def _polygons(rings: Float[ndarray, "n k 2"]) -> ndarray:
+    return np.asarray(shapely.polygons(rings))
 
 
 def _moved(at: ndarray, along: ndarray, move: Move) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:

@@ -107,8 +107,7 @@ class Piece:
 
     def crossings(self) -> Float[ndarray, "k 2"]:
         """Where the outline crosses or touches itself. Cloth cannot be cut along an outline that has any."""
-        outline = self.outline
-        return np.zeros((0, 2)) if LinearRing(outline).is_simple else _self_crossings(outline)
+        return self_crossings(self.outline)
 
 
 @dataclass(frozen=True)
@@ -246,11 +245,13 @@ def _levelled(piece: Piece) -> Piece:
     return piece.map(lambda points: (points - start) @ np.array([[c, -s], [s, c]]))
 
 
-def _self_crossings(outline: Float[ndarray, "n 2"]) -> Float[ndarray, "k 2"]:
+def self_crossings(outline: Float[ndarray, "n 2"]) -> Float[ndarray, "k 2"]:
     """Crossings of a closed polygon's segments, those that share a corner apart.
 
     A corner that lies exactly on a segment counts as lying to its left, so that a crossing through a corner is found.
     """
+    if LinearRing(outline).is_simple:
+        return np.zeros((0, 2))
     a, b = outline, np.roll(outline, -1, axis=0)
     n = len(outline)
 

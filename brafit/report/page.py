@@ -6,6 +6,7 @@ import base64
 import json
 import math
 from collections.abc import Mapping, Sequence
+from functools import cache
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -22,11 +23,10 @@ from brafit.atomic import write_text
 from brafit.cup.shape import CupShape
 from brafit.pattern.finish import Pattern
 from brafit.pattern.piece import Piece, Side
-from brafit.pattern.svg import svg_bytes
 from brafit.report.band import Deviation, band_svg, magnification
 from brafit.report.colour import DIVERGING, PANELS, distance_colours, distance_limit
 from brafit.report.dimensions import Dimension
-from brafit.report.paper import PaperPanel, paper_gap
+from brafit.report.paper import PaperPanel
 
 DOTS = 6000
 """Points of a cloud that the 3D view shows at most."""
@@ -62,9 +62,11 @@ def write_report(
     side: Side,
     shape: CupShape,
     papers: Sequence[PaperPanel],
+    gap: float,
     points: Float[ndarray, "n 3"],
     distances: Float[ndarray, " n"],
     pattern: Pattern,
+    drawing: bytes,
     dimensions: Sequence[Dimension],
     sources: Mapping[str, str],
     files: Sequence[str],
@@ -78,8 +80,9 @@ def write_report(
         row: the scan's row of summary.csv.
         side: right cups, which are fitted as left ones, are shown as they are worn.
         shape: the cup, cup frame, mm.
-        papers: from `paper_panels`, for the view of the folding paper cup.
+        papers, gap: from `paper_panels` and `paper_gap`, for the view of the folding paper cup.
         points, distances: of the fit, cup frame, mm; positive outside the cup.
+        drawing: the pattern as SVG.
         sources: for each input what was given, or what was taken in its place.
         files: other results in the same folder, to link to.
         band: sewing lines of the pieces and how uncertain each of their edges is, where that is known.
@@ -97,9 +100,9 @@ def write_report(
         _facts(row, dimensions),
         _warnings([*warnings, *pattern.warnings]),
         "<h2>Cup and cloud</h2>",
-        _stage(limit, paper_gap(shape, list(papers))),
+        _stage(limit, gap),
         "<h2>Pieces</h2>",
-        _picture(pattern, name),
+        _picture(drawing),
         "" if band is None else _certainty(*band),
         '<div class="columns"><section><h2>Finished dimensions</h2>',
         _dimension_table(dimensions, pattern),
@@ -223,8 +226,8 @@ def _stage(limit: float, gap: float) -> str:
     )
 
 
-def _picture(pattern: Pattern, name: str) -> str:
-    data = base64.b64encode(svg_bytes([pattern], name)).decode()
+def _picture(drawing: bytes) -> str:
+    data = base64.b64encode(drawing).decode()
     return f'<img class="pieces" alt="pattern pieces" src="data:image/svg+xml;base64,{data}">'
 
 
@@ -292,7 +295,7 @@ def _data(
     tree = KDTree(points)
     panels = []
     for i, paper in enumerate(papers):
-        folds = [np.stack(paper.folded(share)) for share in np.linspace(0, 1, _FOLDS)[:-1]] + [edges[i : i + 2]]
+        folds = [*paper.folds(np.linspace(0, 1, _FOLDS)[:-1]), edges[i : i + 2]]
         share = (np.arange(_STRIPS) + 0.5)[:, None] / _STRIPS
         lower, upper = ((edge[:-1] + edge[1:])[:, None] / 2 for edge in edges[i : i + 2])
         nearest = distances[tree.query(((1 - share) * lower + share * upper).reshape(-1, 3))[1]]
@@ -330,6 +333,7 @@ def _page(title: str, body: str, wide: bool = False) -> str:
     )
 
 
+@cache
 def _asset(name: str) -> str:
     return resources.files("brafit.report").joinpath(name).read_text(encoding="utf-8")
 

@@ -6,29 +6,22 @@ thousand tags. Per scan there is one image of each kind and one 3D view, all at 
 
 from __future__ import annotations
 
+import json
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from jaxtyping import Float
-from matplotlib.figure import Figure
+from jaxtyping import Float32, Int32, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from brafit.cup.shape import CupShape
 from brafit.fit.solver import Step
-from brafit.pattern.piece import Side
-from brafit.report.colour import PANELS, distance_colours, distance_limit
-from brafit.report.figures import figure_image
-from brafit.report.mesh import cup_mesh
 
 QUANTILES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
 MOMENTS = 1000
 """Steps of a fit that are recorded at most, evenly over it (and the first of every stage)."""
-DOTS = 4000
-"""Points of a cloud that a 3D view shows at most."""
 
 
 class Recorder:
@@ -66,45 +59,44 @@ class Recorder:
             for quantile, value in _quantiles(values).items():
                 self._writer.add_scalar(f"{name}/{quantile}", value, step.index)
 
-    def images(self, name: str, **figures: Figure) -> None:
-        """Add figures of one scan, such as `images("anny_05", patterns=..., fit=...)`."""
-        for kind, figure in figures.items():
-            self._writer.add_image(f"{name}/{kind}", figure_image(figure), dataformats="HWC")
+    def images(self, name: str, pictures: Mapping[str, bytes]) -> None:
+        """Add pictures of one scan, PNG files by their kind, as `brafit.result.Result.pictures` gives them."""
+        from tensorboard.compat.proto.summary_pb2 import Summary  # type: ignore[attr-defined]
+
+        values = []
+        for kind, png in pictures.items():
+            width, height = struct.unpack(">II", png[16:24])
+            image = Summary.Image(encoded_image_string=png, width=width, height=height, colorspace=3)
+            values.append(Summary.Value(tag=f"{name}/{kind}", image=image))
+        self._writer.file_writer.add_summary(Summary(value=values))  # type: ignore[union-attr]
 
     def mesh(
         self,
         name: str,
-        shape: CupShape,
-        points: Float[ndarray, "n 3"],
-        distances: Float[ndarray, " n"],
-        side: Side = "left",
+        vertices: Float32[ndarray, "v 3"],
+        colours: UInt8[ndarray, "v 3"],
+        faces: Int32[ndarray, "f 3"],
     ) -> None:
-        """Add a 3D view of one scan: its cup, and its cloud coloured by distance.
+        """Add a 3D view of one scan, as `brafit.result.Result.mesh_view` gives it.
 
-        TensorBoard shows either points or faces under one tag, so every point becomes a small tetrahedron.
-
-        Args:
-            shape: the cup, cup frame, mm.
-            points: cup frame, mm. At most `DOTS` of them, evenly chosen, are shown.
-            distances: mm, positive outside the cup.
-            side: right cups, which are fitted as left ones, are shown as they are worn.
+        Written here because `SummaryWriter.add_mesh` makes a Python number of every coordinate.
         """
-        worn = np.array((1.0, -1.0 if side == "right" else 1.0, 1.0))
-        cup = cup_mesh(shape, strips=6, place=lambda x: x * worn)
-        limit = distance_limit(distances)
-        chosen = np.unique(np.linspace(0, len(points) - 1, min(len(points), DOTS)).astype(int))
-        size = 0.004 * float(np.ptp(cup.vertices, axis=0).max())
-        vertices, faces = _tetrahedra(points[chosen] * worn, size)
-        colours = np.repeat(distance_colours(distances[chosen], limit), 4, axis=0)
-        vertices = np.vstack((cup.vertices, vertices))
-        centre = (vertices.min(0) + vertices.max(0)) / 2
-        self._writer.add_mesh(
-            f"{name}/cup",
-            vertices=torch.as_tensor((vertices - centre) @ _UPRIGHT.T, dtype=torch.float32)[None],
-            colors=torch.as_tensor(np.vstack((PANELS[cup.panel % len(PANELS)], colours)), dtype=torch.uint8)[None],
-            faces=torch.as_tensor(np.vstack((cup.faces, faces + len(cup.vertices))), dtype=torch.int32)[None],
-            config_dict=_SCENE,
-        )
+        from tensorboard.compat.proto.summary_pb2 import Summary  # type: ignore[attr-defined]
+        from tensorboard.plugins.mesh import metadata
+        from tensorboard.plugins.mesh.plugin_data_pb2 import MeshPluginData  # type: ignore[attr-defined]
+        from tensorboard.util.tensor_util import make_tensor_proto
+
+        kinds = MeshPluginData
+        parts = {kinds.VERTEX: vertices, kinds.FACE: faces, kinds.COLOR: colours}
+        mask, scene = metadata.get_components_bitmask(list(parts)), json.dumps(_SCENE, sort_keys=True)
+        values = []
+        for kind, array in parts.items():
+            about = metadata.create_summary_metadata(
+                f"{name}/cup", None, kind, mask, [1, *array.shape], json_config=scene
+            )
+            tag = metadata.get_instance_name(f"{name}/cup", kind)
+            values.append(Summary.Value(tag=tag, tensor=make_tensor_proto(array[None]), metadata=about))
+        self._writer.file_writer.add_summary(Summary(value=values))  # type: ignore[union-attr]
 
     def close(self) -> None:
         """Write what is pending and close the files."""
@@ -119,8 +111,6 @@ class Recorder:
             self._writer.add_custom_scalars({"fit: median, 5 % and 95 % over the batch": bands})
 
 
-# The viewer looks along -z with y up: the bottom of the wire (+x of the cup frame) downwards, the chest behind.
-_UPRIGHT = np.array(((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
 _SCENE = {"material": {"cls": "MeshStandardMaterial", "side": 2, "roughness": 1, "metalness": 0}}
 
 
@@ -131,11 +121,3 @@ def _quantiles(values: Tensor) -> dict[str, float]:
     if len(numbers) == 0:
         return {}
     return dict(zip(QUANTILES, np.quantile(numbers, list(QUANTILES.values())).tolist(), strict=True))
-
-
-def _tetrahedra(centres: Float[ndarray, "n 3"], size: float) -> tuple[ndarray, ndarray]:
-    """Vertices (4 n, 3) and outward faces (4 n, 3)."""
-    corners = size * np.array(((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)))
-    faces = np.array(((0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)))
-    vertices = (centres[:, None] + corners).reshape(-1, 3)
-    return vertices, (faces + 4 * np.arange(len(centres))[:, None, None]).reshape(-1, 3)

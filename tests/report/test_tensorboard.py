@@ -10,8 +10,9 @@ from tensorboard.util import tensor_util
 
 from brafit.fit.solver import Step
 from brafit.pattern import PatternOptions, finish, pieces_from_panels
-from brafit.report.figures import pattern_figure
-from brafit.report.tensorboard import DOTS, Recorder
+from brafit.report.mesh import DOTS, mesh_view
+from brafit.report.pictures import pattern_picture
+from brafit.report.tensorboard import Recorder
 
 LAYOUT: Any = layout_pb2.Layout  # type: ignore[attr-defined]
 
@@ -74,8 +75,8 @@ def test_images_and_mesh_of_a_scan(tmp_path, side):
     points, distances = sphere_points(700)
     made = finish(pieces_from_panels(lune_flat()), PatternOptions(), name="anny", side="left")
     with Recorder(tmp_path) as recorder:
-        recorder.images("anny Ü", patterns=pattern_figure(made, "anny"))
-        recorder.mesh("anny Ü", lune_cup(n=21), points, distances, side)
+        recorder.images("anny Ü", {"patterns": pattern_picture(made, "anny")})
+        recorder.mesh("anny Ü", *mesh_view(lune_cup(n=21), points, distances, side))
     read = events(tmp_path)
     (image,) = read.Images("anny Ü/patterns")
     assert image.encoded_image_string.startswith(b"\x89PNG")
@@ -90,8 +91,23 @@ def test_images_and_mesh_of_a_scan(tmp_path, side):
     np.testing.assert_allclose(dots - dots[0], worn - worn[0], atol=1e-3)
 
 
-def test_large_clouds_are_thinned_in_the_3d_view(tmp_path):
+def test_the_3d_view_shows_faces_outwards_and_colours_as_they_are(tmp_path):
+    points, distances = sphere_points(20)
+    for side in ("left", "right"):
+        vertices, colours, faces = mesh_view(lune_cup(n=21), points, distances, side)
+        assert (vertices.dtype, colours.dtype, faces.dtype) == (np.float32, np.uint8, np.int32)
+        cup = faces[: len(faces) - 4 * 20]
+        corners = vertices[cup].astype(float)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        assert np.mean(normals[:, 2] >= -1e-6) > 0.95  # to the viewer
+        with Recorder(tmp_path / side) as recorder:
+            recorder.mesh("x", vertices, colours, faces)
+        read = events(tmp_path / side)
+        for part, array in (("VERTEX", vertices), ("COLOR", colours), ("FACE", faces)):
+            np.testing.assert_array_equal(tensor(read, f"x/cup_{part}")[0], array)
+
+
+def test_large_clouds_are_thinned_in_the_3d_view():
     points, distances = sphere_points(DOTS + 500)
-    with Recorder(tmp_path) as recorder:
-        recorder.mesh("x", lune_cup(n=21), points, distances)
-    assert tensor(events(tmp_path), "x/cup_VERTEX").shape[1] == 2 * (2 + 19 * 7) + 4 * DOTS
+    vertices, _, _ = mesh_view(lune_cup(n=21), points, distances)
+    assert len(vertices) == 2 * (2 + 19 * 7) + 4 * DOTS
