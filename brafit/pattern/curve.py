@@ -24,7 +24,7 @@ _SHARES = np.linspace(0, 1, 33)
 """Where an arc is compared with the curve, in shares of the parameter."""
 _CELLS = 512
 """Parts of a curve whose wanted density of joints is told apart."""
-_TURN, _LEAST = 1.0, 4
+_TURN, _LEAST = 1.0, 5
 """An arc for so many radians of turning, and so many besides, are tried first."""
 _ORDER = 5.0
 """The error of an arc grows with about this power of its length."""

@@ -281,7 +281,7 @@ def _finish(
     about: Sequence[str],
     names: tuple[str, Side, str, str],
 ) -> CutPiece:
-    piece, eased, widths, outward = sewn.piece, sewn.eased, sewn.widths, sewn.outward
+    piece, eased, widths = sewn.piece, sewn.eased, sewn.widths
     warnings = list(about)
     coarse = closed(eased, _COARSE)
     crossed = len(self_crossings(coarse))
@@ -295,9 +295,7 @@ def _finish(
     if clipped := _too_wide(outline, options):
         warnings.append(clipped)
     notches = [
-        _notch(edge.name, curve, after, width, outward, outline, place, options, reverse=i > 0)
-        for i, (edge, curve, after, width) in enumerate(zip(piece.edges, sewn.curves, eased, widths, strict=True))
-        for place in places[edge.name]
+        notch for i, edge in enumerate(piece.edges) for notch in _notches(sewn, i, outline, places[edge.name], options)
     ]
     inside = valid_polygon(coarse)
     holes = [replace(hole, point=hole.point * _stretch(options)) for hole in piece.holes]
@@ -359,26 +357,36 @@ def _notch_places(
     return sorted(places, key=lambda place: place[1])
 
 
-def _notch(
-    edge: str,
-    curve: Curve,
-    eased: Curve,
-    width: float,
-    outward: float,
+def _notches(
+    sewn: _Sewn,
+    index: int,
     outline: Float[ndarray, "n 2"],
-    place: tuple[str, float, bool],
+    places: Sequence[tuple[str, float, bool]],
     options: PatternOptions,
-    reverse: bool,
-) -> Notch:
-    name, distance, double = place
-    spread = (-_DOUBLE / 2, _DOUBLE / 2) if double else (0.0,)
+) -> list[Notch]:
+    """The notches of one edge.
+
+    Args:
+        outline: the cut line.
+        places: from `_notch_places`.
+    """
+    if not places:
+        return []
+    curve, width = sewn.curves[index], sewn.widths[index]
     depth = min(options.notch_depth, 2 * width / 3) if width > 0 else options.notch_depth
-    d = np.array((0.0, *spread))
-    points, tangents = eased.trace(curve.places(curve.length - distance - d if reverse else distance + d))
-    out = outward * right_of(tangents)
+    spreads = [(0.0, *((-_DOUBLE / 2, _DOUBLE / 2) if double else (0.0,))) for _, _, double in places]
+    along = np.array([distance + d for (_, distance, _), spread in zip(places, spreads, strict=True) for d in spread])
+    # the first edge runs from the inner end, the others back to it
+    points, tangents = sewn.eased[index].trace(curve.places(curve.length - along if index else along))
+    out = sewn.outward * right_of(tangents)
     roots = crossings(outline, points, out, width)
-    ticks = np.stack((roots, roots - depth * out), axis=1)[1:]
-    return Notch(edge, name, distance, ticks, points[0])
+    ticks = np.stack((roots, roots - depth * out), axis=1)
+    notches, first = [], 0
+    for (name, distance, _), spread in zip(places, spreads, strict=True):
+        own = ticks[first + 1 : first + len(spread)]
+        notches.append(Notch(sewn.piece.edges[index].name, name, distance, own, points[first]))
+        first += len(spread)
+    return notches
 
 
 # Grain line and what the label says

@@ -61,7 +61,7 @@ def dimensions(
     found: dict[Key, float] = {}
     for piece in pattern.pieces:
         found |= {(piece.name, line.name): line.length for line in piece.sew}
-        width, height = np.ptp(piece.sew_outline(), axis=0)
+        width, height = np.ptp(piece.sew_outline(0.001), axis=0)
         found |= {(piece.name, "width"): width, (piece.name, "height"): height, (piece.name, "area"): piece.area / 100}
     of_cup = _of_cup(_numbers(shape.edges)[None], apex, strap_point)
     found |= {("cup", name): float(value[0]) for name, value in of_cup.items()}
