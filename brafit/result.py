@@ -11,25 +11,26 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float32, Int32, UInt8
 from numpy import ndarray
 
+from brafit.atomic import write_bytes
 from brafit.cup.shape import CupShape
 from brafit.fit import CupFit, Target
 from brafit.fit.certainty import outline_deviation
 from brafit.fit.measure import point_distances
 from brafit.pattern import Pattern, PatternOptions, Piece, Side, deepest_point, finish, marks_on, pieces_from_panels
-from brafit.pattern.svg import write_svg
 from brafit.report.dimensions import Dimension, dimension_deviation, dimensions
 from brafit.report.mesh import (
     PanelMesh,
+    mesh_view,
     panel_meshes,
     write_cup_glb,
     write_cup_obj,
     write_cup_ply,
     write_points_ply,
 )
-from brafit.report.paper import paper_gap, paper_panels
+from brafit.report.paper import PaperPanel, paper_gap, paper_panels
 from brafit.report.row import fitted_row
 from brafit.report.table import write_fit_json
 from brafit.scan import CupFrame
@@ -112,11 +113,24 @@ class Result:
 
     def dimensions(self) -> list[Dimension]:
         """Finished dimensions of pieces and cup."""
-        return dimensions(self.shape, self.patterns(), self.apex, self.target.strap_point, self._dimension_sd)
+        return list(self._dimensions)
 
     @cached_property
-    def _dimension_sd(self) -> dict[tuple[str, str], float]:
-        return dimension_deviation(self.fit, self.fit.alternatives, self.apex, self.target.strap_point)
+    def _dimensions(self) -> list[Dimension]:
+        marks = (self.apex, self.target.strap_point)
+        deviation = dimension_deviation(self.fit, self.fit.alternatives, *marks)
+        return dimensions(self.shape, self.patterns(), *marks, deviation)
+
+    def pictures(self) -> dict[str, bytes]:
+        """PNG files: `patterns`, the finished pieces, and `fit`, cup and points from three sides."""
+        from brafit.report.pictures import fit_picture, pattern_picture
+
+        fit = fit_picture(self.target.points, self.fit.distances, self.shape, self.name, self.side)
+        return {"patterns": pattern_picture(self.patterns(), self.name), "fit": fit}
+
+    def mesh_view(self) -> tuple[Float32[ndarray, "v 3"], UInt8[ndarray, "v 3"], Int32[ndarray, "f 3"]]:
+        """Cup and points as they are worn, as one mesh to look at: vertices, colours, faces."""
+        return mesh_view(self.shape, self.target.points, self.fit.distances, self.side)
 
     def row(self) -> dict[str, Any]:
         """This cup's row of summary.csv."""
@@ -134,11 +148,10 @@ class Result:
             the files, in the order written. Files of an earlier result that are not asked for now are removed.
         """
         folder = Path(folder)
-        papers = paper_panels(self.shape, self.fit.panels)
         written = self._write_patterns(folder) + self._write_meshes(folder)
         if self.options.report:
             notes = (extra or {}).get("notes", ())
-            written += self._write_pages(folder, papers, [file.name for file in written], notes)
+            written += self._write_pages(folder, [file.name for file in written], notes)
         for name in FILES:
             if folder / name not in written:
                 (folder / name).unlink(missing_ok=True)
@@ -153,7 +166,7 @@ class Result:
                 "warnings": list(pattern.warnings),
                 "seams_mm": pattern.seams,
                 "notches_mm": {piece.name: _notches(piece) for piece in pattern.pieces},
-                "paper_cup_mm": paper_gap(self.shape, papers),
+                "paper_cup_mm": self._paper_gap,
                 "dimensions": [[d.part, d.name, d.value, d.unit, d.sd] for d in self.dimensions()],
             },
             "sources": self.sources,
@@ -163,33 +176,34 @@ class Result:
         write_fit_json(path, self.row(), details | dict(extra or {}))
         return [*written, path]
 
-    def pictures(self) -> dict[str, bytes]:
-        """PNG files of the patterns and of cup and cloud."""
-        import io
+    @cached_property
+    def _papers(self) -> list[PaperPanel]:
+        return paper_panels(self.shape, self.fit.panels)
 
-        from PIL import Image
+    @cached_property
+    def _paper_gap(self) -> float:
+        return paper_gap(self.shape, self._papers)
 
-        from brafit.report.figures import figure_image, fit_figure, pattern_figure
+    @property
+    def _note(self) -> str:
+        """The second line of pattern files."""
+        count = f"{len(self.pieces)} panel{'s' * (len(self.pieces) > 1)}"
+        return ", ".join(str(words) for words in (f"{self.side} cup", self.model.get("cup"), count) if words)
 
-        figures = {
-            "patterns": pattern_figure(self.patterns(), self.name),
-            "fit": fit_figure(self.target.points, self.fit.distances, self.shape, self.name, self.side),
-        }
-        files = {}
-        for name, figure in figures.items():
-            content = io.BytesIO()
-            Image.fromarray(figure_image(figure)).save(content, "png")
-            files[name] = content.getvalue()
-        return files
+    @cached_property
+    def _drawing(self) -> bytes:
+        """The pattern as SVG."""
+        from brafit.pattern.svg import svg_bytes
 
-    def mesh_view(self) -> tuple[ndarray, ndarray, ndarray] | None:
-        return None
+        return svg_bytes([self.patterns()], self.name, self._note)
 
     def _write_patterns(self, folder: Path) -> list[Path]:
-        model = ", ".join(str(self.model[key]) for key in ("cup",) if self.model.get(key))
-        count = f"{len(self.pieces)} panel{'s' * (len(self.pieces) > 1)}"
-        note = ", ".join(words for words in (f"{self.side} cup", model, count) if words)
-        return write_patterns(folder, [self.patterns()], self.name, note, self.options.formats)
+        formats, drawing = self.options.formats, folder / "patterns.svg"
+        if "svg" in formats:
+            write_bytes(drawing, self._drawing)
+        others = [name for name in formats if name != "svg"]
+        written = write_patterns(folder, [self.patterns()], self.name, self._note, others)
+        return [drawing, *written] if "svg" in formats else written
 
     def _write_meshes(self, folder: Path) -> list[Path]:
         written, asked = [], self.options.meshes
@@ -198,25 +212,28 @@ class Result:
             points = self.frame.to_scan(self.target.points)
             write_points_ply(folder / "points.ply", points, self.fit.distances)
             written += [folder / "cup.ply", folder / "points.ply"]
+        panels = self.surface() if {"obj", "glb"} & set(asked) else []
         for suffix, write in (("obj", write_cup_obj), ("glb", write_cup_glb)):
             if suffix in asked:
-                write(folder / f"cup.{suffix}", self.surface())
+                write(folder / f"cup.{suffix}", panels)
                 written.append(folder / f"cup.{suffix}")
         return written
 
-    def _write_pages(self, folder: Path, papers: list, files: Sequence[str], notes: Sequence[str]) -> list[Path]:
-        from brafit.report.figures import save_figure, thumbnail_figure
+    def _write_pages(self, folder: Path, files: Sequence[str], notes: Sequence[str]) -> list[Path]:
         from brafit.report.page import write_report
+        from brafit.report.pictures import thumbnail
 
         write_report(
             folder / "report.html",
             row=self.row(),
             side=self.side,
             shape=self.shape,
-            papers=papers,
+            papers=self._papers,
+            gap=self._paper_gap,
             points=self.target.points,
             distances=self.fit.distances,
             pattern=self.patterns(),
+            drawing=self._drawing,
             dimensions=self.dimensions(),
             band=(self.pieces, outline_deviation(self.fit.panels, self.fit.alternatives))
             if self.fit.alternatives
@@ -226,8 +243,8 @@ class Result:
             warnings=self.fit.warnings,
             notes=notes,
         )
-        picture = thumbnail_figure(self.target.points, self.fit.distances, self.shape, self.side)
-        save_figure(picture, folder / "thumbnail.png", dpi=100)
+        picture = thumbnail(self.target.points, self.fit.distances, self.shape, self.side)
+        write_bytes(folder / "thumbnail.png", picture)
         return [folder / "report.html", folder / "thumbnail.png"]
 
 
@@ -241,6 +258,8 @@ def write_patterns(
     """
     written = []
     if "svg" in formats:
+        from brafit.pattern.svg import write_svg
+
         write_svg(folder / "patterns.svg", patterns, title, note)
         written.append(folder / "patterns.svg")
     if "dxf" in formats:

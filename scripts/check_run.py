@@ -4,7 +4,7 @@
     python scripts/check_run.py FOLDER --only kill,poison,shards,memory,torn
 
     kill      kill -9 at random moments of a run of 300 scans, each time resumed: every file as of an undisturbed run
-    poison    50 bad files among 500, of six kinds: the others as of a clean run, the bad ones failed for the true reason
+    poison    50 bad files of six kinds among 500: the others as of a clean run, the bad ones failed for true reasons
     shards    16 shards of 64 scans, collected, against one run
     memory    peak memory of the whole process tree over a run of 200 and of 2,000 scans
     cluster   a cluster of two processes on this machine (Ray), one killed in the middle: all scans end
@@ -209,9 +209,8 @@ def check_shards(folder: Path, work: Path, shards: int = 16, count: int = 64) ->
     same = content(work / "one" / "summary.csv") == content(work / "parts" / "summary.csv")
     names = [path.name for path in (work / "one").iterdir() if path.is_dir()]
     differ = differing(work / "one", work / "parts", names)
-    print(
-        f"{shards} shards collected, table {'identical' if same else 'DIFFERENT'}; scans' files differing: {len(differ)}"
-    )
+    table = "identical" if same else "DIFFERENT"
+    print(f"{shards} shards collected, table {table}; scans' files differing: {len(differ)}")
 
 
 def peak_memory(arguments: Sequence[str]) -> tuple[float, float]:

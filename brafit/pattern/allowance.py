@@ -12,12 +12,12 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray
-from shapely import LineString, Polygon, make_valid, unary_union
+from shapely import LineString, Polygon, make_valid
 from shapely.geometry.base import BaseGeometry
 
-from brafit.pattern.curve import TOLERANCE, Curve, closed, cross, fit_curve, right_of
+from brafit.pattern.curve import TOLERANCE, Curve, Stretch, closed, cross, curves_through, fit_curves, offsets, right_of
 
 _FINE = 0.005
 """Tolerance in mm of the polylines that outlines are compared with."""
@@ -31,35 +31,47 @@ _ROUND = 0.5
 _CORNER = np.radians(12)
 
 
-def cut_outline(curves: Sequence[Curve], widths: Sequence[float], outward: float) -> tuple[list[Curve], list[str]]:
-    """The cut line around a piece, curves that meet in corners, and what is wrong with it.
+Ring = tuple[Sequence[Curve], Sequence[float], float]
+"""The sewing lines of a piece in a ring, mm; the allowance of each, mm; and 1 where the piece lies to the left of its
+outline, -1 where it lies to the right."""
+
+
+def cut_outlines(rings: Sequence[Ring]) -> list[tuple[list[Curve], list[str]]]:
+    """The cut line around each piece, curves that meet in corners, and what is wrong with it."""
+    wanted = [
+        (curve, outward * width)
+        for curves, widths, outward in rings
+        for curve, width in zip(curves, widths, strict=True)
+    ]
+    parallels = iter(offsets([curve for curve, _ in wanted], [distance for _, distance in wanted]))
+    found = []
+    for curves, widths, outward in rings:
+        plain = _parallel_outline(curves, [next(parallels) for _ in curves], widths, outward)
+        found.append((plain, []) if plain is not None else _trimmed_outline(curves, widths, outward))
+    return found
+
+
+def crossings(
+    outline: Float[ndarray, "n 2"], points: Float[ndarray, "k 2"], outward: Float[ndarray, "k 2"], width: float
+) -> Float[ndarray, "k 2"]:
+    """Where normals of a sewing line meet the cut line: `width` away, or farther in a hollow.
 
     Args:
-        curves: the sewing lines in a ring, mm.
-        widths: the allowance of each, mm.
-        outward: 1 where the piece lies to the left of its outline, -1 where it lies to the right.
+        outline: the cut line, a polygon.
+        points: on the sewing line.
+        outward: unit normals there.
     """
-    plain = _parallel_outline(curves, widths, outward)
-    return (plain, []) if plain is not None else _trimmed_outline(curves, widths, outward)
-
-
-def crossing(
-    ring: LineString, point: Float[ndarray, "2"], outward: Float[ndarray, "2"], width: float
-) -> Float[ndarray, "2"]:
-    """Where the normal of a sewing line meets the cut line: `width` away, or farther in a hollow.
-
-    Args:
-        ring: the cut line.
-        point: on the sewing line.
-        outward: unit normal there.
-    """
+    away = np.full(len(points), width)
     if width > 0:
-        ray = LineString((point + 0.9 * width * outward, point + 5 * width * outward))
-        hits = shapely.get_coordinates(ray.intersection(ring))
-        found = (hits - point) @ outward
-        if len(found) and found.min() > width + 0.02:
-            return point + found.min() * outward
-    return point + width * outward
+        # along and across each normal, the corners and the steps from them
+        a = np.stack([_turned(outline - p, o) for p, o in zip(points, outward, strict=True)])
+        step = np.roll(a, -1, axis=1) - a
+        across = (a[..., 1] < 0) != (np.roll(a[..., 1], -1, axis=1) < 0)
+        share = -a[..., 1] / np.where(across, step[..., 1], 1.0)
+        hits = np.where(across, a[..., 0] + share * step[..., 0], np.inf)
+        nearest = np.where((hits >= 0.9 * width) & (hits <= 5 * width), hits, np.inf).min(1)
+        away = np.where(np.isfinite(nearest) & (nearest > width + 0.02), nearest, away)
+    return points + away[:, None] * outward
 
 
 def signed_area(points: Float[ndarray, "n 2"]) -> float:
@@ -76,27 +88,43 @@ def valid_polygon(points: Float[ndarray, "n 2"]) -> Polygon:
     return max(parts, key=lambda part: part.area, default=Polygon())
 
 
-def _parallel_outline(curves: Sequence[Curve], widths: Sequence[float], outward: float) -> list[Curve] | None:
+def _turned(points: Float[ndarray, "n 2"], axis: Float[ndarray, "2"]) -> Float[ndarray, "n 2"]:
+    """Coordinates along a unit vector and to its left."""
+    return points @ np.array(((axis[0], -axis[1]), (axis[1], axis[0])))
+
+
+def _parallel_outline(
+    curves: Sequence[Curve], parallels: Sequence[Curve | None], widths: Sequence[float], outward: float
+) -> list[Curve] | None:
     """Parallel curves joined at the corners; None where that is no simple outline around the piece."""
-    offsets = [curve.offset(outward * width) for curve, width in zip(curves, widths, strict=True)]
-    parallels = [offset for offset in offsets if offset is not None]
-    if len(parallels) < len(curves):
+    kept = [parallel for parallel in parallels if parallel is not None]
+    if len(kept) < len(curves):
         return None
     outline: list[Curve] = []
-    for i, parallel in enumerate(parallels):
+    for i, parallel in enumerate(kept):
         j = (i + 1) % len(curves)
         corner = _corner(curves[i], curves[j], widths[i], widths[j], outward)
         if corner is None:
             return None
         outline.append(parallel)
-        points = _distinct(np.vstack((parallel.end, corner, parallels[j].start)))
+        points = _distinct(np.vstack((parallel.end, corner, kept[j].start)))
         if len(points) > 1:
             outline.append(Curve.line(*points))
-    around = Polygon(closed(outline, _FINE))
-    inner = Polygon(closed(curves, _FINE))
-    # the cut line may coincide with the sewing line, so containment is asked with a hair's breadth to spare
-    good = around.is_valid and inner.is_valid and around.buffer(1e-3).contains(inner)
-    return outline if good else None
+    return outline if _lies_around(closed(outline, _FINE), closed(curves, _FINE)) else None
+
+
+def _lies_around(outer: Float[ndarray, "n 2"], inner: Float[ndarray, "m 2"]) -> bool:
+    """Whether both are simple polygons and the first holds the second, but for a hair's breadth: they may coincide."""
+    around, held = Polygon(outer), Polygon(inner)
+    if not (around.is_valid and held.is_valid):
+        return False
+    shapely.prepare(around)
+    shapely.prepare(held)
+    out = inner[~shapely.contains_xy(around, inner)]
+    within = outer[shapely.contains_xy(held, outer)]
+    beyond = shapely.distance(around, shapely.points(out))
+    inside = shapely.distance(held.exterior, shapely.points(within))
+    return bool(np.max(np.concatenate((beyond, inside)), initial=0.0) <= 1e-3)
 
 
 def _corner(before: Curve, after: Curve, a: float, b: float, outward: float) -> Float[ndarray, "n 2"] | None:
@@ -131,16 +159,12 @@ def _trimmed_outline(curves: Sequence[Curve], widths: Sequence[float], outward: 
     for i, (curve, width) in enumerate(zip(curves, widths, strict=True)):
         if width == 0:
             continue
-        u = np.linspace(0, len(curve.controls), 60 * len(curve.controls) + 1)
-        points, tangents = curve.trace(u)
-        outer = points + width * outward * right_of(tangents)
-        quads = np.stack((points[:-1], points[1:], outer[1:], outer[:-1]), axis=1)
-        parts.append(unary_union([Polygon(quad).convex_hull for quad in quads]))
+        parts += _strip(curve, outward * width)
         following = (i + 1) % len(curves)
         corner = _corner(curve, curves[following], width, widths[following], outward)
         if corner is not None:
             parts.append(valid_polygon(np.vstack((curve.end[None], corner))))
-    whole = unary_union([part.buffer(1e-6) for part in parts])
+    whole = shapely.union_all(shapely.buffer(parts, 1e-6))
     radius = _ROUND * min(widths)
     if radius > 0:
         whole = whole.buffer(radius, quad_segs=48).buffer(-radius, quad_segs=48)
@@ -161,6 +185,31 @@ def _trimmed_outline(curves: Sequence[Curve], widths: Sequence[float], outward: 
     return _traced(ring, curves, widths, outward), messages
 
 
+def _strip(curve: Curve, distance: float) -> list[BaseGeometry]:
+    """What lies between a curve and its parallel to the right: a part of it at a time, and one for each short step
+    where the parallel folds back on itself."""
+    u = np.linspace(0, len(curve.controls), 60 * len(curve.controls) + 1)
+    points, tangents = curve.trace(u)
+    outer = points + distance * right_of(tangents)
+    quads = np.stack((points[:-1], points[1:], outer[1:], outer[:-1]), axis=1)
+    regular = 1 + distance * curve.curvature(u) > 0.02
+    regular = regular[1:] & regular[:-1]
+    parts: list[BaseGeometry] = []
+    folded = ~regular
+    for a, b in _runs(regular):
+        whole = Polygon(np.vstack((points[a : b + 1], outer[a : b + 1][::-1])))
+        if whole.is_valid:
+            parts.append(whole)
+        else:
+            folded[a:b] = True
+    return [*parts, *np.asarray(shapely.convex_hull(shapely.polygons(quads[folded])))]
+
+
+def _runs(mask: Bool[ndarray, " n"]) -> Int[ndarray, "k 2"]:
+    """First index and the one after the last of each run of true values."""
+    return np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int))).reshape(-1, 2)
+
+
 def _widest(curve: Curve, width: float, exterior: LineString) -> float:
     """How far the cut line is from a sewing line at most."""
     points, _ = curve.trace(np.linspace(0, len(curve.controls), 24 * len(curve.controls) + 1))
@@ -172,24 +221,23 @@ def _traced(
 ) -> list[Curve]:
     """A polygon as smooth curves: the parallels wherever it follows them, else through its own corners."""
     outline = LineString(np.vstack((ring, ring[:1])))
+    shapely.prepare(outline)
     total = outline.length
-    runs: list[tuple[float, float, Curve]] = []  # place on the ring of start and end, curve
+    ends: list[tuple[float, float]] = []  # places on the ring of start and end of what is drawn as one curve
+    stretches: list[Stretch] = []
     for curve, width in zip(curves, widths, strict=True):
-
-        def trace(u: ndarray, curve: Curve = curve, width: float = width) -> tuple[ndarray, ndarray]:
-            position, tangent = curve.trace(u)
-            return position + width * outward * right_of(tangent), tangent
-
+        trace = curve.parallel(outward * width)
         u = np.linspace(0, len(curve.controls), 80 * len(curve.controls) + 1)
         points, tangents = trace(u)
-        on = np.asarray(shapely.distance(shapely.points(points), outline) < _NEAR)
+        on = np.asarray(shapely.dwithin(shapely.points(points), outline, _NEAR))
         on[1:-1] &= ((points[2:] - points[:-2]) * tangents[1:-1]).sum(1) > 0  # not where the parallel runs backwards
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
-        for a, b in edges.reshape(-1, 2):
+        for a, b in _runs(on):
             part = points[a:b]
             if b - a > 3 and np.linalg.norm(np.diff(part, axis=0), axis=1).sum() > 0.5:
-                first, last = (outline.project(shapely.Point(part[k])) for k in (0, -1))
-                runs.append((first, last, fit_curve(trace, float(u[a]), float(u[b - 1]), TOLERANCE)))
+                first, last = np.asarray(shapely.line_locate_point(outline, shapely.points(part[[0, -1]])))
+                ends.append((float(first), float(last)))
+                stretches.append(Stretch(trace, float(u[a]), float(u[b - 1])))
+    runs = [(*places, curve) for places, curve in zip(ends, fit_curves(stretches, TOLERANCE), strict=True)]
     if not runs:
         return _portions(np.vstack((ring, ring[:1])))
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(np.vstack((ring, ring[:1])), axis=0), axis=1)))[:-1]
@@ -213,7 +261,7 @@ def _portions(points: Float[ndarray, "n 2"]) -> list[Curve]:
     step = np.diff(points, axis=0)
     turn = np.abs(np.arctan2(cross(step[:-1], step[1:]), (step[:-1] * step[1:]).sum(1)))
     corners = [0, *(np.flatnonzero(turn > _CORNER) + 1), len(points) - 1]
-    return [Curve.through(points[a : b + 1]) for a, b in pairwise(corners)]
+    return curves_through([points[a : b + 1] for a, b in pairwise(corners)])
 
 
 def _distinct(points: Float[ndarray, "n 2"]) -> Float[ndarray, "m 2"]:

@@ -1,18 +1,18 @@
-"""Patterns as DXF for apparel systems: release 12, layers and texts of ASTM D6673, a block for each piece and size."""
+"""Patterns as DXF for apparel systems: release 12, layers and texts of ASTM D6673, a block for each piece and size.
+
+A file of release 12 is pairs of lines, a code and a value, and patterns need but seven kinds of entities, so they are
+written as text. As in the files of apparel systems the header is empty and there are no tables: some of those systems
+refuse what they do not know, such as blocks that are no pieces.
+"""
 
 from __future__ import annotations
 
-import io
-import logging
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from ezdxf.addons import gerber_D6673
-from ezdxf.document import Drawing
-from ezdxf.layouts.blocklayout import BlockLayout
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from brafit.atomic import write_bytes
@@ -27,7 +27,6 @@ LAYERS = {
     "cut": "1", "turn": "2", "curve": "3", "notch": "4", "grain": "7", "drill": "13", "sew": "14", "annotation": "15",
 }  # fmt: skip
 """Numbers of the layers that are used, by what they hold; the texts of pieces and style are on the cut line's."""
-COLOURS = {"cut": 7, "turn": 1, "curve": 3, "notch": 1, "grain": 5, "drill": 6, "sew": 4, "annotation": 8}
 CONTROL, GAP = 100.0, 10.0
 
 
@@ -42,24 +41,15 @@ def write_dxf(path: str | Path, patterns: Sequence[Pattern], style: str) -> None
     """
     unit = patterns[0].options.units
     scale = 1 / UNITS[unit]
-    logging.getLogger("ezdxf").setLevel(logging.WARNING)  # it tells of every table that it makes
-    document = Drawing.new("AC1009")
-    for layer, number in LAYERS.items():
-        document.layers.add(number, color=COLOURS[layer])
-    model = document.modelspace()
     taken: set[str] = set()
     columns = [(pattern, column) for pattern in patterns for column in pattern.drawn]
     sheet = layout_columns([column for _, column in columns], GAP)
     owners = [pattern for pattern, column in columns for _ in column]
+    blocks: dict[str, str] = {}
     for pattern, piece in zip(owners, sheet.pieces, strict=True):
         sides = f"{piece.name} {piece.side}" if len(pattern.drawn) > 1 else piece.name
-        name = block_name(f"{sides}_{pattern.size}", taken)
-        block = document.blocks.new(name)
-        _piece(block, piece, pattern, sides, scale)
-        model.add_blockref(name, (0, 0), dxfattribs={"layer": LAYERS["cut"]})
-    name = block_name("CONTROL_SQUARE_100MM", taken)
-    _control_square(document.blocks.new(name), scale, sheet.height)
-    model.add_blockref(name, (0, 0), dxfattribs={"layer": LAYERS["cut"]})
+        blocks[block_name(f"{sides}_{pattern.size}", taken)] = _piece(piece, pattern, sides, scale)
+    blocks[block_name("CONTROL_SQUARE_100MM", taken)] = _control_square(scale, sheet.height)
     first = patterns[0]
     about = [
         f"Style Name: {style}",
@@ -69,13 +59,16 @@ def write_dxf(path: str | Path, patterns: Sequence[Pattern], style: str) -> None
         "Grading Rule Table: none",
         f"Units: {'METRIC' if unit == 'mm' else 'ENGLISH'}",
     ]
-    for row, words in enumerate(about):
-        at = (0, scale * (sheet.height + CONTROL + GAP + 30 - 5 * row))
-        model.add_text(_plain(words), height=3 * scale, dxfattribs={"layer": LAYERS["cut"], "insert": at})
-    # The plain exporter writes block definitions for the layouts too, which some apparel systems refuse.
-    text = io.StringIO()
-    gerber_D6673.export_stream(document, text)
-    write_bytes(path, text.getvalue().encode("ascii", errors="dxfreplace"))
+    top = sheet.height + CONTROL + GAP + 30
+    model = [_tags((0, "INSERT"), (8, LAYERS["cut"]), (2, name), *_at((0.0, 0.0))) for name in blocks]
+    model += [_text(words, "cut", scale * np.array((0, top - 5 * row)), 3 * scale) for row, words in enumerate(about)]
+    sections = [
+        ("HEADER", ""),
+        ("BLOCKS", "".join(_block(name, entities) for name, entities in blocks.items())),
+        ("ENTITIES", "".join(model)),
+    ]
+    text = "".join(_tags((0, "SECTION"), (2, name)) + body + _tags((0, "ENDSEC")) for name, body in sections)
+    write_bytes(path, (text + _tags((0, "EOF"))).encode("ascii"))
 
 
 def block_name(text: str, taken: set[str]) -> str:
@@ -90,24 +83,20 @@ def block_name(text: str, taken: set[str]) -> str:
     return name
 
 
-def _piece(block: BlockLayout, piece: CutPiece, pattern: Pattern, name: str, scale: float) -> None:
+def _piece(piece: CutPiece, pattern: Pattern, name: str, scale: float) -> str:
     outline = np.concatenate([curve.polyline(TOLERANCE) for curve in piece.cut])
     outline = outline[np.append(True, np.linalg.norm(np.diff(outline, axis=0), axis=1) > 1e-6)]
     if np.linalg.norm(outline[-1] - outline[0]) < 1e-6:
         outline = outline[:-1]
-    _polyline(block, np.vstack((outline, outline[:1])) * scale, "cut")
-    for point, corner in zip(outline, _is_corner(outline), strict=True):
-        block.add_point(tuple(point * scale), dxfattribs={"layer": LAYERS["turn" if corner else "curve"]})
-    for line in piece.sew:
-        _polyline(block, line.curve.polyline(TOLERANCE) * scale, "sew")
-    for notch in piece.notches:
-        for root, inner in notch.ticks:
-            angle = float(np.degrees(np.arctan2(*(inner - root)[::-1])))
-            block.add_point(tuple(root * scale), dxfattribs={"layer": LAYERS["notch"], "angle": angle})
-    for hole in piece.holes:
-        block.add_point(tuple(hole.point * scale), dxfattribs={"layer": LAYERS["drill"]})
-    start, end = piece.grain * scale
-    block.add_line(tuple(start), tuple(end), dxfattribs={"layer": LAYERS["grain"]})
+    corner = _is_corner(outline)
+    entities = [_polyline(np.vstack((outline, outline[:1])) * scale, "cut")]
+    entities += [_points(outline[corner] * scale, "turn"), _points(outline[~corner] * scale, "curve")]
+    entities += [_polyline(line.curve.polyline(TOLERANCE) * scale, "sew") for line in piece.sew]
+    for root, inner in (tick for notch in piece.notches for tick in notch.ticks):
+        angle = float(np.degrees(np.arctan2(*(inner - root)[::-1])))
+        entities.append(_tags((0, "POINT"), (8, LAYERS["notch"]), *_at(root * scale), (50, angle)))
+    entities += [_points(hole.point[None] * scale, "drill") for hole in piece.holes]
+    entities.append(_line(piece.grain * scale, "grain"))
     about = [f"Piece Name: {name}", f"Size: {pattern.size}", f"Quantity: {pattern.options.quantity}"]
     about += [
         f"Annotation: {words}"
@@ -117,44 +106,80 @@ def _piece(block: BlockLayout, piece: CutPiece, pattern: Pattern, name: str, sca
     size, along, angle = piece.label.size, piece.label.along, piece.label.angle
     down = np.array((along[1], -along[0]))
     for row, words in enumerate(about):
-        layer = LAYERS["annotation" if words.startswith("Annotation") else "cut"]
+        layer = "annotation" if words.startswith("Annotation") else "cut"
         at = piece.label.at - 0.28 * size * len(words) * along + LINE * size * (row + 1 - len(about) / 2) * down
-        text = {"layer": layer, "insert": tuple(scale * at), "rotation": angle}
-        block.add_text(_plain(words), height=0.7 * size * scale, dxfattribs=text)
+        entities.append(_text(words, layer, scale * at, 0.7 * size * scale, angle))
     for caption in piece.captions:
         size = caption.size
         at = caption.at - 0.28 * size * len(caption.words) * caption.along
-        text = {"layer": LAYERS["annotation"], "insert": tuple(scale * at), "rotation": caption.angle}
-        block.add_text(_plain(caption.words), height=0.7 * size * scale, dxfattribs=text)
+        entities.append(_text(caption.words, "annotation", scale * at, 0.7 * size * scale, caption.angle))
+    return "".join(entities)
 
 
-def _control_square(block: BlockLayout, scale: float, bottom: float) -> None:
+def _control_square(scale: float, bottom: float) -> str:
     corners = np.array(((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))) * CONTROL + (0, bottom + GAP)
-    _polyline(block, corners * scale, "cut")
-    for corner in corners[:4] * scale:
-        block.add_point(tuple(corner), dxfattribs={"layer": LAYERS["turn"]})
     middle = (corners[0] + corners[2]) / 2
-    grain = (middle + np.array(((0, -40), (0, 40)))) * scale
-    block.add_line(tuple(grain[0]), tuple(grain[1]), dxfattribs={"layer": LAYERS["grain"]})
     words = ("Piece Name: CONTROL SQUARE", "Size: 100 mm", "Quantity: 0", "Annotation: each side measures 100 mm")
-    for row, text in enumerate(words):
-        layer = LAYERS["annotation" if row == 3 else "cut"]
-        at = ((middle[0] - 45) * scale, (middle[1] + 8 - 6 * row) * scale)
-        block.add_text(text, height=3.5 * scale, dxfattribs={"layer": layer, "insert": at})
+    texts = [
+        _text(text, "annotation" if row == 3 else "cut", (middle + np.array((-45, 8 - 6 * row))) * scale, 3.5 * scale)
+        for row, text in enumerate(words)
+    ]
+    grain = _line((middle + np.array(((0, -40), (0, 40)))) * scale, "grain")
+    return "".join([_polyline(corners * scale, "cut"), _points(corners[:4] * scale, "turn"), grain, *texts])
 
 
-def _polyline(block: BlockLayout, points: Float[ndarray, "n 2"], layer: str) -> None:
-    block.add_polyline2d([tuple(point) for point in points], dxfattribs={"layer": LAYERS[layer]})
+# Entities
 
 
-def _is_corner(outline: Float[ndarray, "n 2"]) -> list[bool]:
+def _block(name: str, entities: str) -> str:
+    head = _tags((0, "BLOCK"), (8, "0"), (2, name), (70, 0), *_at((0.0, 0.0)), (3, name), (1, ""))
+    return head + entities + _tags((0, "ENDBLK"), (8, "0"))
+
+
+def _polyline(points: Float[ndarray, "n 2"], layer: str) -> str:
+    number = LAYERS[layer]
+    head = _tags((0, "POLYLINE"), (8, number), (66, 1), *_at((0.0, 0.0)), (70, 0))
+    return head + _each("VERTEX", points, number, (70, 0)) + _tags((0, "SEQEND"), (8, number))
+
+
+def _points(points: Float[ndarray, "n 2"], layer: str) -> str:
+    return _each("POINT", points, LAYERS[layer])
+
+
+def _each(kind: str, points: Float[ndarray, "n 2"], number: str, *more: tuple[int, object]) -> str:
+    """An entity for each point."""
+    one = _tags((0, kind), (8, number), (10, "%.6f"), (20, "%.6f"), (30, "0.0"), *more)
+    return one * len(points) % tuple(points.ravel().tolist())
+
+
+def _line(ends: Float[ndarray, "2 2"], layer: str) -> str:
+    return _tags((0, "LINE"), (8, LAYERS[layer]), *_at(ends[0]), *_at(ends[1], 1))
+
+
+def _text(words: str, layer: str, at: Float[ndarray, "2"], height: float, angle: float = 0.0) -> str:
+    turn = [(50, angle)] if angle else []
+    return _tags((0, "TEXT"), (8, LAYERS[layer]), *_at(at), (40, height), (1, _plain(words)), *turn)
+
+
+def _at(point: Sequence[float] | Float[ndarray, "2"], which: int = 0) -> list[tuple[int, object]]:
+    """The codes of an entity's point, in the plane."""
+    x, y = point
+    return [(10 + which, float(x)), (20 + which, float(y)), (30 + which, 0.0)]
+
+
+def _tags(*pairs: tuple[int, object]) -> str:
+    return "".join(f"{code:3d}\n{f'{v:.6f}' if isinstance(v, float) else v}\n" for code, v in pairs)
+
+
+def _is_corner(outline: Float[ndarray, "n 2"]) -> Bool[ndarray, " n"]:
     """Whether a closed polygon turns by more than 12 degrees at a point."""
     go = np.roll(outline, -1, axis=0) - outline
     come = np.roll(go, 1, axis=0)
     turn = np.abs(np.arctan2(come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0], (come * go).sum(1)))
-    return (turn > np.radians(12)).tolist()
+    return turn > np.radians(12)
 
 
 def _plain(words: str) -> str:
-    """Text that fits into one line of a DXF file."""
-    return " ".join("".join(c if c.isprintable() else " " for c in words).split())
+    """Text that fits into one line of a DXF file; letters beyond ASCII by their numbers, as release 12 has them."""
+    line = " ".join("".join(c if c.isprintable() else " " for c in words).split())
+    return "".join(c if c.isascii() else f"\\U+{ord(c):04X}" if ord(c) < 0x10000 else "?" for c in line)

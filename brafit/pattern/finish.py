@@ -6,17 +6,18 @@ import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 from shapely import LineString, Point, Polygon
 
-from brafit.pattern.allowance import crossing, cut_outline, signed_area, valid_polygon
-from brafit.pattern.curve import Curve, closed, right_of
+from brafit.pattern.allowance import crossings, cut_outlines, signed_area, valid_polygon
+from brafit.pattern.curve import Curve, closed, curves_through, enclosed_area, right_of
 from brafit.pattern.label import Caption, Label, Sight, place_captions, place_label
 from brafit.pattern.options import PatternOptions
-from brafit.pattern.piece import Hole, Kind, Piece, Side
+from brafit.pattern.piece import Hole, Kind, Piece, Side, self_crossings
 
 Move = Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]]
 
@@ -24,8 +25,8 @@ _DOUBLE = 3.0
 """Distance in mm of the two cuts of a double notch."""
 _APART = 8.0
 """Notches that differ in meaning keep this distance in mm along the edge."""
-_FINE = 0.005
-"""Tolerance in mm of the polylines that areas and overlaps are found with."""
+_FINE, _COARSE = 0.005, 0.02
+"""Tolerances in mm of the polylines that overlaps are found with, and room for texts."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,10 @@ class CutPiece:
     @property
     def bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
         """Lower left and upper right corner of all that is drawn."""
+        return self._bounds
+
+    @cached_property
+    def _bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
         drawn = [self.cut_outline(), self.label.corners, *(caption.corners for caption in self.captions)]
         points = np.concatenate(drawn)
         return points.min(0), points.max(0)
@@ -112,7 +117,7 @@ class CutPiece:
     @property
     def area(self) -> float:
         """Area within the sewing lines in mm^2."""
-        return float(valid_polygon(self.sew_outline(_FINE)).area)
+        return abs(enclosed_area([line.curve for line in self.sew]))
 
     def map(self, move: Move) -> CutPiece:
         """The piece under an isometry; the label stays readable."""
@@ -191,15 +196,14 @@ def finish(
         date: for the labels; empty: none.
         figures: the fit's measured figures; `twist_deg_max` is checked if it is there.
     """
-    curves = [[Curve.through(edge.points) for edge in piece.edges] for piece in pieces]
-    stretch = 1 + np.array((options.ease["width"], options.ease["height"])) / 100
+    sewn = _sewn(pieces, options)
     seams: dict[str, tuple[float, ...]] = {}
     eased: dict[str, tuple[float, ...]] = {}
     marks: dict[str, dict[str, list[float]]] = {}
-    for piece, lines in zip(pieces, curves, strict=True):
-        for edge, curve in zip(piece.edges, lines, strict=True):
+    for own in sewn:
+        for edge, curve, after in zip(own.piece.edges, own.curves, own.eased, strict=True):
             seams[edge.name] = (*seams.get(edge.name, ()), curve.length)
-            eased[edge.name] = (*eased.get(edge.name, ()), curve.map(lambda points: points * stretch).length)
+            eased[edge.name] = (*eased.get(edge.name, ()), after.length)
             for mark in edge.marks:
                 marks.setdefault(edge.name, {}).setdefault(mark.name, []).append(mark.distance)
     whole = [
@@ -218,57 +222,86 @@ def finish(
     if twist > options.twist_limit:
         whole.append(f"not truly developable: twist up to {twist:.1f} degrees, the cloth will strain there")
     size = options.size or name
+    outlines = cut_outlines([(own.eased, own.widths, own.outward) for own in sewn])
     done = []
-    for piece, lines in zip(pieces, curves, strict=True):
-        edges = {edge.name for edge in piece.edges}
+    for own, (cut, messages) in zip(sewn, outlines, strict=True):
+        edges = {edge.name for edge in own.piece.edges}
         places = {
             edge.name: _notch_places(edge.kind, float(np.mean(seams[edge.name])), marks.get(edge.name, {}), options)
-            for edge in piece.edges
+            for edge in own.piece.edges
         }
         about = [w for w in whole if not w.startswith("seam") or any(f"'{e}'" in w for e in edges)]
-        done.append(_finish(piece, lines, places, options, about, (name, side, size, date)))
+        done.append(_finish(own, cut, messages, places, options, about, (name, side, size, date)))
     own = dict.fromkeys(f"{piece.name}: {w}" for piece in done for w in piece.warnings if w not in whole)
     return Pattern(name, side, size, date, tuple(done), options, seams, (*whole, *own))
 
 
+@dataclass(frozen=True)
+class _Sewn:
+    """A piece's sewing lines.
+
+    Attributes:
+        curves, eased: its edges before and after ease.
+        widths: the allowance of each.
+        outline: the polygon that the eased ones make.
+        outward: 1 where the cloth lies to the left of the outline, -1 where it lies to the right.
+    """
+
+    piece: Piece
+    curves: Sequence[Curve]
+    eased: Sequence[Curve]
+    widths: Sequence[float]
+    outline: Float[ndarray, "n 2"]
+    outward: float
+
+
+def _sewn(pieces: Sequence[Piece], options: PatternOptions) -> list[_Sewn]:
+    curves = iter(curves_through([edge.points for piece in pieces for edge in piece.edges]))
+    stretch = _stretch(options)
+    found = []
+    for piece in pieces:
+        own = [next(curves) for _ in piece.edges]
+        eased = own if (stretch == 1).all() else [curve.map(lambda points: points * stretch) for curve in own]
+        outline = closed(eased, _FINE)
+        widths = [float(options.allowance[edge.kind]) for edge in piece.edges]
+        found.append(_Sewn(piece, own, eased, widths, outline, 1.0 if signed_area(outline) > 0 else -1.0))
+    return found
+
+
+def _stretch(options: PatternOptions) -> Float[ndarray, "2"]:
+    return 1 + np.array((options.ease["width"], options.ease["height"])) / 100
+
+
 def _finish(
-    piece: Piece,
-    curves: Sequence[Curve],
+    sewn: _Sewn,
+    cut: Sequence[Curve],
+    messages: Sequence[str],
     places: Mapping[str, list[tuple[str, float, bool]]],
     options: PatternOptions,
     about: Sequence[str],
     names: tuple[str, Side, str, str],
 ) -> CutPiece:
-    stretch = 1 + np.array((options.ease["width"], options.ease["height"])) / 100
-    eased = [curve.map(lambda points: points * stretch) for curve in curves]
-    widths = [float(options.allowance[edge.kind]) for edge in piece.edges]
-    sewn = closed(eased, _FINE)
-    # the cloth lies to the left of outlines that run counter-clockwise
-    outward = 1.0 if signed_area(sewn) > 0 else -1.0
+    piece, eased, widths = sewn.piece, sewn.eased, sewn.widths
     warnings = list(about)
-    crossings = len(replace(piece, edges=_as_edges(piece, eased)).crossings())
-    if crossings:
-        warnings.append(
-            f"the outline crosses itself{f' {crossings} times' * (crossings > 1)}: this piece cannot be sewn"
-        )
-    gap = max(float(np.linalg.norm(a.end - b.start)) for a, b in zip(eased, eased[1:] + eased[:1], strict=True))
+    coarse = closed(eased, _COARSE)
+    crossed = len(self_crossings(coarse))
+    if crossed:
+        warnings.append(f"the outline crosses itself{f' {crossed} times' * (crossed > 1)}: this piece cannot be sewn")
+    gap = max(float(np.linalg.norm(a.end - b.start)) for a, b in zip(eased, [*eased[1:], eased[0]], strict=True))
     if gap > options.seam_tolerance:
         warnings.append(f"the edges miss each other by {gap:.2f} mm at an end")
-    cut, messages = cut_outline(eased, widths, outward)
-    warnings += [] if crossings else messages
-    if clipped := _too_wide(closed(cut, 0.02), options):
+    warnings += [] if crossed else messages
+    outline = closed(cut, _FINE)
+    if clipped := _too_wide(outline, options):
         warnings.append(clipped)
-    ring = LineString(np.vstack((outline := closed(cut, _FINE), outline[:1])))
     notches = [
-        _notch(edge.name, curve, after, width, outward, ring, place, options, reverse=i > 0)
-        for i, (edge, curve, after, width) in enumerate(zip(piece.edges, curves, eased, widths, strict=True))
-        for place in places[edge.name]
+        notch for i, edge in enumerate(piece.edges) for notch in _notches(sewn, i, outline, places[edge.name], options)
     ]
-    inside = valid_polygon(sewn)
-    holes = [replace(hole, point=hole.point * stretch) for hole in piece.holes]
-    holes = [hole for hole in holes if inside.buffer(-2.0).contains(Point(*hole.point))]
+    inside = valid_polygon(coarse)
+    holes = [replace(hole, point=hole.point * _stretch(options)) for hole in piece.holes]
+    holes = [hole for hole in holes if inside.contains(Point(*hole.point).buffer(2.0))]
     grain = _grain_line(inside, options.grain, holes)
-    sight = Sight(inside, Polygon(outline), [LineString(t) for n in notches for t in n.ticks])
+    sight = Sight(inside, Polygon(closed(cut, _COARSE)), [tick for notch in notches for tick in notch.ticks])
     for hole in holes:
         sight.take(Point(*hole.point).buffer(3.5))
     sight.take(LineString(grain).buffer(1.6))
@@ -290,10 +323,6 @@ def _finish(
         captions=captions,
         warnings=tuple(warnings),
     )
-
-
-def _as_edges(piece: Piece, curves: Sequence[Curve]) -> tuple:
-    return tuple(replace(edge, points=c.polyline(0.02)) for edge, c in zip(piece.edges, curves, strict=True))
 
 
 def _too_wide(outline: Float[ndarray, "n 2"], options: PatternOptions) -> str:
@@ -328,26 +357,36 @@ def _notch_places(
     return sorted(places, key=lambda place: place[1])
 
 
-def _notch(
-    edge: str,
-    curve: Curve,
-    eased: Curve,
-    width: float,
-    outward: float,
-    ring: LineString,
-    place: tuple[str, float, bool],
+def _notches(
+    sewn: _Sewn,
+    index: int,
+    outline: Float[ndarray, "n 2"],
+    places: Sequence[tuple[str, float, bool]],
     options: PatternOptions,
-    reverse: bool,
-) -> Notch:
-    name, distance, double = place
-    spread = (-_DOUBLE / 2, _DOUBLE / 2) if double else (0.0,)
+) -> list[Notch]:
+    """The notches of one edge.
+
+    Args:
+        outline: the cut line.
+        places: from `_notch_places`.
+    """
+    if not places:
+        return []
+    curve, width = sewn.curves[index], sewn.widths[index]
     depth = min(options.notch_depth, 2 * width / 3) if width > 0 else options.notch_depth
-    u = [curve.place(curve.length - distance - d if reverse else distance + d) for d in (0.0, *spread)]
-    points, tangents = eased.trace(np.array(u))
-    out = outward * right_of(tangents)
-    roots = np.stack([crossing(ring, p, o, width) for p, o in zip(points, out, strict=True)])
-    ticks = np.stack((roots, roots - depth * out), axis=1)[1:]
-    return Notch(edge, name, distance, ticks, points[0])
+    spreads = [(0.0, *((-_DOUBLE / 2, _DOUBLE / 2) if double else (0.0,))) for _, _, double in places]
+    along = np.array([distance + d for (_, distance, _), spread in zip(places, spreads, strict=True) for d in spread])
+    # the first edge runs from the inner end, the others back to it
+    points, tangents = sewn.eased[index].trace(curve.places(curve.length - along if index else along))
+    out = sewn.outward * right_of(tangents)
+    roots = crossings(outline, points, out, width)
+    ticks = np.stack((roots, roots - depth * out), axis=1)
+    notches, first = [], 0
+    for (name, distance, _), spread in zip(places, spreads, strict=True):
+        own = ticks[first + 1 : first + len(spread)]
+        notches.append(Notch(sewn.piece.edges[index].name, name, distance, own, points[first]))
+        first += len(spread)
+    return notches
 
 
 # Grain line and what the label says

@@ -1,18 +1,13 @@
-"""A typeface with Latin, Greek, Cyrillic and many more letters, embedded in PDF files.
-
-It is DejaVu Sans as matplotlib ships it; matplotlib itself is not imported, which would cost half a second.
-"""
+"""The typeface as reportlab embeds it in PDF files."""
 
 from __future__ import annotations
 
 from functools import cache
-from importlib.util import find_spec
-from pathlib import Path
 
 from reportlab.pdfbase import pdfmetrics
 from reportlab.pdfbase.ttfonts import TTFont
 
-PLAIN, BOLD = "DejaVuSans", "DejaVuSans-Bold"
+from brafit.typeface import BOLD, PLAIN, typeface
 
 
 def face(bold: bool = False) -> str:
@@ -28,9 +23,6 @@ def drawable(words: str, bold: bool = False) -> str:
 
 @cache
 def _registered(name: str) -> TTFont:
-    spec = find_spec("matplotlib")
-    assert spec is not None
-    assert spec.origin is not None
-    font = TTFont(name, str(Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf" / f"{name}.ttf"))
+    font = TTFont(name, str(typeface(name)))
     pdfmetrics.registerFont(font)
     return font

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+import shapely
+from jaxtyping import Bool, Float
 from numpy import ndarray
-from shapely import Polygon, unary_union
-from shapely.affinity import rotate
+from shapely import MultiLineString, Polygon
 from shapely.geometry.base import BaseGeometry
-from shapely.ops import polylabel
-from shapely.prepared import prep
 
 from brafit.pattern.curve import Curve
 
@@ -28,7 +26,9 @@ _LARGEST, _READABLE, _SMALLEST = 5.0, 2.5, 1.7
 _CAPTIONS = (2.2, 1.8)
 """Heights of letters in mm that captions are tried in."""
 _CLEAR = 0.8
-"""Distance in mm that texts keep from lines."""
+"""Distance in mm that texts keep from lines, all but a hundredth."""
+_LABEL_CLEAR = 1.5
+"""Distance in mm that a label keeps from sewing lines."""
 
 
 def text_width(words: str, size: float, bold: bool = False) -> float:
@@ -118,34 +118,38 @@ class Sight:
     """What is free on a piece.
 
     Args:
-        inside: within the sewing lines.
+        inside: within the sewing lines, to 0.02 mm.
         cut: within the cut line.
         marks: lines that are drawn there, such as notches.
     """
 
-    def __init__(self, inside: Polygon, cut: Polygon, marks: Sequence[BaseGeometry] = ()):
+    def __init__(self, inside: Polygon, cut: Polygon, marks: Sequence[Float[ndarray, "2 2"]] = ()):
         self.inside, self.cut = inside, cut
-        self._lines = unary_union([inside.exterior, cut.exterior, *marks]).buffer(_CLEAR)
-        self._taken: BaseGeometry = Polygon()
-        self._kept: BaseGeometry = Polygon()
+        drawn = MultiLineString([self.inside.exterior.coords, self.cut.exterior.coords, *marks])
+        self._lines = drawn.buffer(_CLEAR, quad_segs=4)
+        for shape in (self.inside, self.cut, self._lines):
+            shapely.prepare(shape)
+        self._taken: list[BaseGeometry] = []
+        self._kept: list[BaseGeometry] = []
 
     def take(self, shape: BaseGeometry) -> None:
         """What is drawn there leaves no room for texts."""
-        self._taken = self._taken.union(shape)
+        self._taken.append(shape)
 
     def keep(self, shape: BaseGeometry) -> None:
         """Room that a label leaves for captions."""
-        self._kept = self._kept.union(shape)
+        self._kept.append(shape)
 
     def room(self) -> BaseGeometry:
         """Where a label may be."""
-        return self.inside.buffer(-1.5).difference(self._taken).difference(self._kept)
+        return self.inside.buffer(-_LABEL_CLEAR).difference(shapely.union_all([*self._taken, *self._kept]))
 
-    def holds(self, box: Polygon, where: BaseGeometry | None = None) -> bool:
-        """Whether a text's box meets no line and no other text; `where`: what it has to lie in, if anything."""
-        if box.intersects(self._taken) or box.intersects(self._lines):
-            return False
-        return where is None or where.contains(box)
+    def free(self, boxes: ndarray) -> Bool[ndarray, " n"]:
+        """Which of these polygons, the boxes around texts, meet no line and no other text."""
+        free = ~shapely.intersects(self._lines, boxes)
+        for shape in self._taken:
+            free &= ~shapely.intersects(shape, boxes)
+        return free
 
 
 def place_label(sight: Sight, lines: tuple[str, ...], notice: tuple[str, ...]) -> Label:
@@ -153,19 +157,17 @@ def place_label(sight: Sight, lines: tuple[str, ...], notice: tuple[str, ...]) -
 
     On a narrow piece lines are joined and turned.
     """
-    room, inside = sight.room(), sight.inside
-    level = np.array((1.0, 0.0))
-    at, size = _roomiest(room, inside, lines, notice)
+    room, level = sight.room(), np.array((1.0, 0.0))
+    shapely.prepare(room)
+    at, size = _roomiest(room, sight.inside, level, lines, notice)
     best = Label(lines, notice, at, level, size)
     if best.size < _READABLE:
         for count in (3, 8):
             joined = tuple(", ".join(lines[i : i + count]) for i in range(0, len(lines), count))
             for angle in (0, 90, 30, -30, 60, -60, 15, -15):
                 along = np.array((math.cos(math.radians(angle)), math.sin(math.radians(angle))))
-                turned = rotate(room, -angle, origin=(0, 0)), rotate(inside, -angle, origin=(0, 0))
-                at, size = _roomiest(*turned, joined, notice)
+                at, size = _roomiest(room, sight.inside, along, joined, notice)
                 if size > 1.02 * best.size:
-                    at = at[0] * along + at[1] * np.array((-along[1], along[0]))
                     best = Label(joined, notice, at, along, size)
     if best.size == 0:
         low, high = np.array(sight.cut.bounds[:2]), np.array(sight.cut.bounds[2:])
@@ -196,69 +198,85 @@ def place_captions(
     return tuple(captions)
 
 
-Place = tuple[Float[ndarray, "2"], Float[ndarray, "2"], BaseGeometry | None]
-"""Middle and direction of a text, and what it has to lie in."""
+@dataclass(frozen=True)
+class _Places:
+    """Where a text may stand, the best first: middles and directions.
+
+    `within`: the polygon that it has to lie in there, if any.
+    """
+
+    at: Float[ndarray, "n 2"]
+    along: Float[ndarray, "n 2"]
+    within: Polygon | None = None
 
 
 def _first(
-    sight: Sight, words: str, places: Callable[[str, float], Iterator[Place]], foot: ndarray, outward: ndarray
+    sight: Sight, words: str, places: Callable[[str, float], Sequence[_Places]], foot: ndarray, outward: ndarray
 ) -> Caption:
     """The caption at the first place that is free, else outside the piece with a leader."""
+    level = np.array((1.0, 0.0))
     for size in _CAPTIONS:
-        for at, along, where in places(words, size):
-            along = along if along[0] >= -1e-9 else -along
-            caption = Caption(words, at, along, size)
-            if sight.holds(Polygon(caption.corners), where):
-                sight.take(Polygon(caption.corners).buffer(0.4))
-                return caption
-    level, size = np.array((1.0, 0.0)), _CAPTIONS[-1]
-    caption = Caption(words, foot, level, size)
-    for distance in np.arange(6.0, 60.0, 1.0):
-        caption = Caption(words, foot + distance * outward, level, size)
-        if sight.holds(Polygon(caption.corners)) and not sight.cut.intersects(Polygon(caption.corners)):
-            break
-    sight.take(Polygon(caption.corners).buffer(0.4))
+        for group in places(words, size):
+            along = np.where(group.along[:, :1] >= -1e-9, 1.0, -1.0) * group.along
+            boxes = _polygons(_box(group.at, along, text_width(words, size), size))
+            free = sight.free(boxes)
+            if group.within is not None:
+                free &= shapely.contains(group.within, boxes)
+            if free.any():
+                k = int(free.argmax())
+                sight.take(boxes[k].buffer(0.4))
+                return Caption(words, group.at[k], along[k], size)
+    size = _CAPTIONS[-1]
+    at = foot + np.arange(6.0, 60.0)[:, None] * outward
+    boxes = _polygons(_box(at, level[None], text_width(words, size), size))
+    free = sight.free(boxes) & ~shapely.intersects(sight.cut, boxes)
+    k = int(free.argmax()) if free.any() else len(at) - 1
+    caption = Caption(words, at[k], level, size)
+    sight.take(boxes[k].buffer(0.4))
     near = min((*caption.corners, *((caption.corners + np.roll(caption.corners, 1, 0)) / 2)),
                key=lambda corner: float(np.linalg.norm(corner - foot)))  # fmt: skip
     return replace(caption, leader=np.stack((near, foot)))
 
 
-def _beside(foot: ndarray, inward: ndarray) -> Callable[[str, float], Iterator[Place]]:
+def _beside(foot: ndarray, inward: ndarray) -> Callable[[str, float], Sequence[_Places]]:
     """Places inside a sewing line, the nearest first: level, then along the line."""
     edge = np.array((-inward[1], inward[0]))
+    distance, way, shift = (
+        values.ravel()
+        for values in np.meshgrid(
+            (1.0, 2.0, 3.5, 5.0, 7.0, 9.0, 12.0), (0, 1), (0.0, 3.0, -3.0, 6.0, -6.0, 10.0, -10.0), indexing="ij"
+        )
+    )
+    along = np.stack((np.array((1.0, 0.0)), edge))
+    across = np.stack((-along[:, 1], along[:, 0]), axis=-1)
 
-    def places(words: str, size: float) -> Iterator[Place]:
-        width = text_width(words, size)
-        for distance in (1.0, 2.0, 3.5, 5.0, 7.0, 9.0, 12.0):
-            for along in (np.array((1.0, 0.0)), edge):
-                across = np.array((-along[1], along[0]))
-                half = (abs(inward @ along) * width + abs(inward @ across) * size) / 2
-                for shift in (0.0, 3.0, -3.0, 6.0, -6.0, 10.0, -10.0):
-                    yield foot + (distance + half) * inward + shift * edge, along, None
+    def places(words: str, size: float) -> Sequence[_Places]:
+        half = (np.abs(along @ inward) * text_width(words, size) + np.abs(across @ inward) * size) / 2
+        return [_Places(foot + (distance + half[way])[:, None] * inward + shift[:, None] * edge, along[way])]
 
     return places
 
 
 def _from_tip(
     tip: ndarray, a: Curve, b: Curve, outward: ndarray, sight: Sight
-) -> Callable[[str, float], Iterator[Place]]:
+) -> Callable[[str, float], Sequence[_Places]]:
     """Places between two edges, from their common end on; last in the allowance beyond it.
 
     A sharp tip is narrow: there the text follows its middle line.
     """
     reach = np.arange(2.0, 0.45 * min(a.length, b.length, 150.0), 1.5)
     middles = (_along(a, reach) + _along(b, reach)) / 2
+    k = np.arange(len(middles))
+    beyond = middles[np.minimum(k + 3, len(k) - 1)] - middles[np.maximum(k - 3, 0)]
+    follow = beyond / np.maximum(np.linalg.norm(beyond, axis=1, keepdims=True), 1e-9)
+    near = (k < len(k) - 2) & (np.linalg.norm(middles - tip, axis=1) < 30)
+    directions = np.stack((np.broadcast_to((1.0, 0.0), follow.shape), follow), axis=1)[near]
+    across = np.array((-outward[1], outward[0]))
 
-    def places(words: str, size: float) -> Iterator[Place]:
-        for k, at in enumerate(middles[:-2]):
-            beyond = middles[min(k + 3, len(middles) - 1)] - middles[max(k - 3, 0)]
-            along = beyond / max(float(np.linalg.norm(beyond)), 1e-9)
-            if np.linalg.norm(at - tip) < 30:
-                for direction in (np.array((1.0, 0.0)), along):
-                    yield at, direction, sight.inside
-        across = np.array((-outward[1], outward[0]))
-        for distance in (size / 2 + 1.2, size / 2 + 2.0, size / 2 + 3.0):
-            yield tip + distance * outward, across, sight.cut
+    def places(words: str, size: float) -> Sequence[_Places]:
+        between = _Places(np.repeat(middles[near], 2, axis=0), directions.reshape(-1, 2), sight.inside)
+        out = tip + (size / 2 + np.array((1.2, 2.0, 3.0)))[:, None] * outward
+        return [between, _Places(out, np.broadcast_to(across, out.shape), sight.cut)]
 
     return places
 
@@ -271,25 +289,39 @@ def _along(curve: Curve, distances: Float[ndarray, " n"]) -> Float[ndarray, "n 2
 
 
 def _roomiest(
-    free: BaseGeometry, inside: Polygon, lines: Sequence[str], notice: Sequence[str]
+    room: BaseGeometry, inside: Polygon, along: Float[ndarray, "2"], lines: Sequence[str], notice: Sequence[str]
 ) -> tuple[Float[ndarray, "2"], float]:
-    """Middle and height of the letters of level lines of text, as large as fits; height 0: too small to read."""
-    wide, high = _extent(lines, notice, 1.0)
-    prepared = prep(free)
-    parts = [part for part in getattr(free, "geoms", [free]) if part.area > 0] or [inside]
-    low, high_corner = np.array(inside.bounds[:2]), np.array(inside.bounds[2:])
-    grid = [low + (high_corner - low) * (x, y) for x in np.linspace(0.1, 0.9, 17) for y in np.linspace(0.15, 0.85, 11)]
-    centres = [np.array(polylabel(part, 1.0).coords[0]) for part in parts if part.area > 0] + grid
-    best, size, larger = centres[0], 0.0, _SMALLEST
-    for centre in centres:
-        while larger <= _LARGEST:
-            half = np.array((wide, high)) * larger / 2
-            corners = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * half + centre
-            if not prepared.contains(Polygon(corners)):
-                break
-            best, size = centre, larger
-            larger *= 1.05
-    return best, size
+    """Middle and height of the letters of lines of text, as large as fits; height 0: too small to read.
+
+    Args:
+        room: prepared; where the text may be.
+        along: the direction of the lines.
+    """
+    turn = np.stack((along, (-along[1], along[0])))
+    outline = shapely.get_coordinates(inside) @ turn.T
+    low, high = outline.min(0), outline.max(0)
+    shares = np.stack(np.meshgrid(np.linspace(0.1, 0.9, 17), np.linspace(0.15, 0.85, 11), indexing="ij"), axis=-1)
+    centres = (low + (high - low) * shares.reshape(-1, 2)) @ turn
+    if room.area > 0:
+        radius = shapely.maximum_inscribed_circle(room, tolerance=1.0)  # type: ignore[arg-type]
+        centres = np.vstack((shapely.get_coordinates(radius)[:1], centres))
+    sizes = _SMALLEST * 1.05 ** np.arange(int(np.log(_LARGEST / _SMALLEST) / np.log(1.05)) + 1)
+    extent = np.array(_extent(lines, notice, 1.0))
+
+    def fits(size: float) -> Bool[ndarray, " n"]:
+        return np.asarray(shapely.contains(room, _polygons(_box(centres, along[None], *(size * extent)))))
+
+    # a text that fits fits smaller as well: the largest size that fits somewhere by bisection
+    fit, at, least, most = 0.0, centres[0], 0, len(sizes)
+    while least < most:
+        k = (least + most) // 2
+        found = fits(sizes[k])
+        if found.any():
+            fit, centres, least = float(sizes[k]), centres[found], k + 1
+            at = centres[0]
+        else:
+            most = k
+    return at, fit
 
 
 def _extent(lines: Sequence[str], notice: Sequence[str], size: float) -> tuple[float, float]:
@@ -299,10 +331,16 @@ def _extent(lines: Sequence[str], notice: Sequence[str], size: float) -> tuple[f
     return max(widths), LINE * size * len(widths)
 
 
-def _box(at: ndarray, along: ndarray, width: float, height: float) -> Float[ndarray, "4 2"]:
-    across = np.array((-along[1], along[0]))
+def _box(
+    at: Float[ndarray, "*n 2"], along: Float[ndarray, "*#n 2"], width: float, height: float
+) -> Float[ndarray, "*n 4 2"]:
+    across = np.stack((-along[..., 1], along[..., 0]), axis=-1)
     a, b = width / 2 * along, height / 2 * across
-    return np.stack((at - a - b, at + a - b, at + a + b, at - a + b))
+    return np.stack((at - a - b, at + a - b, at + a + b, at - a + b), axis=-2)
+
+
+def _polygons(rings: Float[ndarray, "n k 2"]) -> ndarray:
+    return np.asarray(shapely.polygons(rings))
 
 
 def _moved(at: ndarray, along: ndarray, move: Move) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:

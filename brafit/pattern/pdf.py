@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import string
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from reportlab import rl_config
 from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
-from reportlab.pdfgen.pathobject import PDFPathObject
 from shapely import Polygon, box
 
 from brafit import __version__
@@ -26,6 +27,8 @@ from brafit.pattern.svg import LEGEND, STROKES, UNIT_WORDS, arrow_head
 
 MARGIN, OVERLAP, GAP, CONTROL = 10.0, 10.0, 10.0, 100.0
 """Free border of a page, overlap of neighbouring tiles, distance of pieces, side of the control square; mm."""
+_SHEET = "sheet"
+"""Name of the drawing of all pieces that the tiles show parts of."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +73,7 @@ def write_pdf_sheet(path: str | Path, patterns: Sequence[Pattern], title: str, n
     foot = max(CONTROL, 50.0 + 5.0 * len(warnings))
     width = max(sheet.width, CONTROL + GAP + 90.0) + 2 * MARGIN
     height = sheet.height + GAP + foot + 16.0 + 2 * MARGIN
-    with replacing(path) as temporary:
-        canvas = _canvas(temporary, width, height, title)
+    with _canvas(path, width, height, title) as canvas:
         _text(canvas, title, MARGIN, height - MARGIN - 6, 6, bold=True, room=width - 2 * MARGIN)
         _text(canvas, note, MARGIN, height - MARGIN - 12, 3.6, room=width - 2 * MARGIN)
         canvas.saveState()
@@ -84,7 +86,6 @@ def write_pdf_sheet(path: str | Path, patterns: Sequence[Pattern], title: str, n
         level = _legend(canvas, left, MARGIN + foot, kinds, patterns[0].options)
         _warnings(canvas, warnings, left, level - 6, width - MARGIN - left)
         canvas.showPage()
-        canvas.save()
 
 
 def write_pdf_tiles(path: str | Path, patterns: Sequence[Pattern], title: str, note: str = "") -> None:
@@ -97,16 +98,17 @@ def write_pdf_tiles(path: str | Path, patterns: Sequence[Pattern], title: str, n
     options = patterns[0].options
     sheet = layout_columns([column for pattern in patterns for column in pattern.drawn], GAP)
     tiling = tile(sheet, options.paper)
-    with replacing(path) as temporary:
-        canvas = _canvas(temporary, *PAPERS[options.paper], title)
+    with _canvas(path, *PAPERS[options.paper], title) as canvas:
+        canvas.beginForm(_SHEET, *(int(v) for v in (-GAP, -GAP, sheet.width + 2 * GAP, sheet.height + 2 * GAP)))
+        _pieces(canvas, sheet.pieces)
+        canvas.endForm()
         _cover(canvas, patterns, sheet, tiling, title, note)
         canvas.showPage()
         for number, page in enumerate(tiling.tiles, start=2):
             canvas.setPageSize((tiling.width * mm, tiling.height * mm))
             canvas.scale(mm, mm)
-            _tile(canvas, page, sheet, tiling, f"{title}   page {number} of {len(tiling.tiles) + 1}")
+            _tile(canvas, page, tiling, f"{title}   page {number} of {len(tiling.tiles) + 1}")
             canvas.showPage()
-        canvas.save()
 
 
 def tile(sheet: Sheet[CutPiece], paper: str) -> Tiling:
@@ -134,14 +136,24 @@ def _tiling(sheet: Sheet[CutPiece], width: float, height: float) -> Tiling:
     return Tiling(width, height, columns, rows, tuple(tiles))
 
 
-def _canvas(path: Path, width: float, height: float, title: str) -> Canvas:
-    canvas = Canvas(str(path), pagesize=(width * mm, height * mm), pageCompression=1, initialFontName=face())  # type: ignore[arg-type]
-    canvas.setTitle(_plain(title))
-    canvas.setCreator(f"brafit {__version__}")
-    canvas.setSubject("bra cup patterns at true size; print at 100 %")
-    canvas.setViewerPreference("PrintScaling", "None")
-    canvas.scale(mm, mm)
-    return canvas
+@contextmanager
+def _canvas(path: str | Path, width: float, height: float, title: str) -> Iterator[Canvas]:
+    """An empty file, drawn to in mm, that is written at the end."""
+    # reportlab would write all streams as printable letters, which is slow and serves nobody any more
+    before, rl_config.useA85 = rl_config.useA85, 0  # type: ignore[attr-defined]
+    try:
+        with replacing(path) as temporary:
+            size = (width * mm, height * mm)
+            canvas = Canvas(str(temporary), pagesize=size, pageCompression=1, initialFontName=face())  # type: ignore[arg-type]
+            canvas.setTitle(_plain(title))
+            canvas.setCreator(f"brafit {__version__}")
+            canvas.setSubject("bra cup patterns at true size; print at 100 %")
+            canvas.setViewerPreference("PrintScaling", "None")
+            canvas.scale(mm, mm)
+            yield canvas
+            canvas.save()
+    finally:
+        rl_config.useA85 = before  # type: ignore[attr-defined]
 
 
 def _cover(
@@ -196,10 +208,7 @@ def _page_map(
     canvas.setStrokeColor("#000000")
     canvas.setFillGray(0.92)
     for piece in sheet.pieces:
-        outline = canvas.beginPath()
-        _trace(outline, piece.cut)
-        outline.close()
-        canvas.drawPath(outline, stroke=1, fill=1)
+        canvas.drawPath(_Path(piece.cut, closed=True), stroke=1, fill=1)  # type: ignore[arg-type]
     for page in tiling.tiles:
         canvas.setStrokeGray(0.45)
         canvas.rect(page.x, page.y, seen[0], seen[1], stroke=1, fill=0)
@@ -208,14 +217,14 @@ def _page_map(
     return float(top - total[1] * scale)
 
 
-def _tile(canvas: Canvas, page: Tile, sheet: Sheet[CutPiece], tiling: Tiling, words: str) -> None:
+def _tile(canvas: Canvas, page: Tile, tiling: Tiling, words: str) -> None:
     seen = np.array((tiling.width, tiling.height)) - 2 * MARGIN
     canvas.saveState()
     frame = canvas.beginPath()
     frame.rect(MARGIN, MARGIN, seen[0], seen[1])
     canvas.clipPath(frame, stroke=0, fill=0)
     canvas.translate(MARGIN - page.x, MARGIN - page.y)
-    _pieces(canvas, sheet.pieces)
+    canvas.doForm(_SHEET)
     canvas.restoreState()
     canvas.setStrokeGray(0.5)
     canvas.setLineWidth(0.15)
@@ -253,15 +262,10 @@ def _pieces(canvas: Canvas, pieces: Sequence[CutPiece]) -> None:
     for piece in pieces:
         canvas.setStrokeColor("#000000")
         canvas.setLineWidth(0.3)
-        outline = canvas.beginPath()
-        _trace(outline, piece.cut)
-        outline.close()
-        canvas.drawPath(outline)
+        canvas.drawPath(_Path(piece.cut, closed=True))  # type: ignore[arg-type]
         for line in piece.sew:
             _stroke(canvas, line.kind)
-            path = canvas.beginPath()
-            _trace(path, [line.curve])
-            canvas.drawPath(path)
+            canvas.drawPath(_Path([line.curve]))  # type: ignore[arg-type]
         canvas.setDash()
         canvas.setStrokeColor("#000000")
         canvas.setLineWidth(0.35)
@@ -316,13 +320,20 @@ def _turned(
     canvas.restoreState()
 
 
-def _trace(path: PDFPathObject, curves: Sequence[Curve]) -> None:
-    path.moveTo(*curves[0].start)
-    for i, curve in enumerate(curves):
-        if i:
-            path.lineTo(*curve.start)
-        for arc in curve.controls:
-            path.curveTo(*arc[1:].ravel())
+class _Path:
+    """What `Canvas.drawPath` draws: curves one after another, joined by straight lines."""
+
+    def __init__(self, curves: Sequence[Curve], closed: bool = False):
+        self._curves, self._closed = curves, closed
+
+    def getCode(self) -> str:  # noqa: N802 (reportlab's name)
+        """The operators of the path."""
+        parts = []
+        for i, curve in enumerate(self._curves):
+            numbers = (*curve.start, *curve.controls[:, 1:].ravel().tolist())
+            parts.append(f"%.4f %.4f {'l' if i else 'm'} " + "%.4f %.4f %.4f %.4f %.4f %.4f c " * len(curve.controls))
+            parts[-1] %= numbers
+        return "".join(parts) + "h " * self._closed
 
 
 def _stroke(canvas: Canvas, kind: Kind) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 from scipy.interpolate import CubicSpline
+from shapely import LinearRing
 
 from brafit.geometry.development import FlatPanel
 
@@ -106,7 +107,7 @@ class Piece:
 
     def crossings(self) -> Float[ndarray, "k 2"]:
         """Where the outline crosses or touches itself. Cloth cannot be cut along an outline that has any."""
-        return _self_crossings(self.outline)
+        return self_crossings(self.outline)
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,7 @@ def pieces_from_panels(panels: Sequence[FlatPanel], side: Side = "left", marks: 
         raise ValueError("a cup has at least one panel")
     if side not in ("left", "right"):
         raise ValueError(f"side must be left or right, not {side!r}")
-    names, seams = _piece_names(len(panels)), _seam_names(len(panels))
+    names, seams = piece_names(len(panels)), seam_names(len(panels))
     ridges: list[Kind] = ["ridge"] * (len(panels) - 1)
     kinds: list[Kind] = ["wire", *ridges, "upper"]
     pieces = []
@@ -225,12 +226,14 @@ def _arc_length(points: Float[ndarray, "n 2"]) -> Float[ndarray, " n"]:
     return np.append(0.0, np.cumsum(speed @ weights * step / 2))
 
 
-def _piece_names(count: int) -> list[str]:
+def piece_names(count: int) -> list[str]:
+    """Of the pieces of a cup of that many panels, from the wire up."""
     named = {1: ["panel"], 2: ["lower panel", "upper panel"], 3: ["lower panel", "middle panel", "upper panel"]}
     return named.get(count, [f"panel {i + 1}" for i in range(count)])
 
 
-def _seam_names(count: int) -> list[str]:
+def seam_names(count: int) -> list[str]:
+    """Of the edges of a cup of that many panels, from the wire up."""
     ridges = ["ridge"] if count == 2 else [f"ridge {i + 1}" for i in range(count - 1)]
     return ["wire", *ridges, "upper edge"]
 
@@ -242,11 +245,13 @@ def _levelled(piece: Piece) -> Piece:
     return piece.map(lambda points: (points - start) @ np.array([[c, -s], [s, c]]))
 
 
-def _self_crossings(outline: Float[ndarray, "n 2"]) -> Float[ndarray, "k 2"]:
+def self_crossings(outline: Float[ndarray, "n 2"]) -> Float[ndarray, "k 2"]:
     """Crossings of a closed polygon's segments, those that share a corner apart.
 
     A corner that lies exactly on a segment counts as lying to its left, so that a crossing through a corner is found.
     """
+    if LinearRing(outline).is_simple:
+        return np.zeros((0, 2))
     a, b = outline, np.roll(outline, -1, axis=0)
     n = len(outline)
 

@@ -216,15 +216,13 @@ def _legend(
 
 def _path(curve: Curve, first: bool = True) -> str:
     """Path data; a curve that is not the first of its path goes on where the one before it ended."""
-    start = f"M{_pair(curve.start)}" if first else f"L{_pair(curve.start)}"
-    return " ".join([start, *(_arc(arc) for arc in curve.controls)])
-
-
-def _arc(arc: Float[ndarray, "4 2"]) -> str:
-    third = (2 * arc[0] + arc[3]) / 3, (arc[0] + 2 * arc[3]) / 3
-    if max(float(np.abs(a - b).max()) for a, b in zip(third, arc[1:3], strict=True)) < 1e-9:
-        return f"L{_pair(arc[3])}"
-    return "C" + " ".join(_pair(point) for point in arc[1:])
+    arcs = curve.controls
+    start, end = arcs[:, 0], arcs[:, 3]
+    thirds = np.stack(((2 * start + end) / 3, (start + 2 * end) / 3), axis=1)
+    straight = (np.abs(thirds - arcs[:, 1:3]).max((1, 2)) < 1e-9).tolist()
+    form = " ".join("L%.4f,%.4f" if line else "C%.4f,%.4f %.4f,%.4f %.4f,%.4f" for line in straight)
+    numbers = [v for line, arc in zip(straight, arcs.tolist(), strict=True) for p in arc[3 if line else 1 :] for v in p]
+    return f"{'M' if first else 'L'}{_pair(curve.start)} " + form % tuple(numbers)
 
 
 def _pair(point: Float[ndarray, "2"]) -> str:

@@ -52,4 +52,4 @@ def _band(line: Float[ndarray, "n 2"], half: Float[ndarray, " n"]) -> str:
 
 
 def _path(points: Float[ndarray, "n 2"]) -> str:
-    return "M" + "L".join(f"{x:.2f},{y:.2f}" for x, y in points)
+    return "M" + "L".join(["%.2f,%.2f"] * len(points)) % tuple(points.ravel().tolist())

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import torch
 from jaxtyping import Float
 from numpy import ndarray
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.development import FlatPanel
 from brafit.pattern.finish import Pattern
-from brafit.pattern.piece import pieces_from_panels
+from brafit.pattern.piece import piece_names, seam_names
 
 Key = tuple[str, str]
 """Part and name of a dimension."""
@@ -58,14 +58,19 @@ def dimensions(
         apex: bust point, cup frame.
         deviation: from `dimension_deviation`.
     """
-    table = []
+    found: dict[Key, float] = {}
     for piece in pattern.pieces:
-        lines = {line.name: line.length for line in piece.sew}
-        table += _of_piece(piece.name, lines, piece.sew_outline(), piece.area)
-    table += _of_cup(shape, apex, strap_point)
-    table.append(Dimension("cup", "area of all panels", sum(piece.area for piece in pattern.pieces) / 100, "cm2"))
+        found |= {(piece.name, line.name): line.length for line in piece.sew}
+        width, height = np.ptp(piece.sew_outline(0.001), axis=0)
+        found |= {(piece.name, "width"): width, (piece.name, "height"): height, (piece.name, "area"): piece.area / 100}
+    of_cup = _of_cup(_numbers(shape.edges)[None], apex, strap_point)
+    found |= {("cup", name): float(value[0]) for name, value in of_cup.items()}
+    found["cup", "area of all panels"] = sum(piece.area for piece in pattern.pieces) / 100
     known = deviation or {}
-    return [replace(d, sd=known.get((d.part, d.name))) for d in table]
+    return [
+        Dimension(part, name, float(value), "cm2" if name.startswith("area") else "mm", known.get((part, name)))
+        for (part, name), value in found.items()
+    ]
 
 
 def dimension_deviation(
@@ -75,45 +80,61 @@ def dimension_deviation(
     strap_point: Float[ndarray, "3"] | None = None,
 ) -> dict[Key, float]:
     """Standard deviation of every dimension, before ease; empty without alternatives (`brafit.fit.certainty`)."""
-
-    def measured(cup: Fitted) -> dict[Key, float]:
-        pieces = pieces_from_panels(cup.panels)
-        table = _of_cup(cup.shape, apex, strap_point)
-        for piece in pieces:
-            lines = {edge.name: edge.length for edge in piece.edges}
-            table += _of_piece(piece.name, lines, piece.outline, piece.area)
-        table.append(Dimension("cup", "area of all panels", sum(piece.area for piece in pieces) / 100, "cm2"))
-        return {(d.part, d.name): d.value for d in table}
-
     if not alternatives:
         return {}
-    best, others = measured(fit), [measured(other) for other in alternatives]
-    return {key: math.sqrt(sum((other[key] - value) ** 2 for other in others)) for key, value in best.items()}
+    cups = [fit, *alternatives]
+    edges = _numbers(torch.stack([cup.shape.edges for cup in cups]))
+    measured = {("cup", name): value for name, value in _of_cup(edges, apex, strap_point).items()}
+    names, seams = piece_names(len(fit.panels)), seam_names(len(fit.panels))
+    areas = []
+    for i, name in enumerate(names):
+        flat = torch.stack([torch.stack((cup.panels[i].lower, cup.panels[i].upper)) for cup in cups])
+        sizes = _of_flat(_numbers(flat))
+        areas.append(sizes["area"])
+        measured |= {(name, seams[i]): sizes.pop("lower"), (name, seams[i + 1]): sizes.pop("upper")}
+        measured |= {(name, key): value for key, value in sizes.items()}
+    measured["cup", "area of all panels"] = np.sum(areas, axis=0)
+    return {key: float(np.sqrt(np.sum((values[1:] - values[0]) ** 2))) for key, values in measured.items()}
 
 
-def _of_piece(part: str, lines: Mapping[str, float], outline: Float[ndarray, "n 2"], area: float) -> list[Dimension]:
-    width, height = np.ptp(outline, axis=0)
-    return [
-        *(Dimension(part, name, length, "mm") for name, length in lines.items()),
-        Dimension(part, "width", float(width), "mm"),
-        Dimension(part, "height", float(height), "mm"),
-        Dimension(part, "area", area / 100, "cm2"),
-    ]
+def _numbers(tensor: torch.Tensor) -> ndarray:
+    return tensor.detach().cpu().double().numpy()
 
 
-def _of_cup(shape: CupShape, apex: Float[ndarray, "3"], strap_point: Float[ndarray, "3"] | None) -> list[Dimension]:
-    edges = shape.edges.detach().cpu().double().numpy()
-    inner, outer = edges[0, 0], edges[0, -1]
+def _of_flat(edges: Float[ndarray, "cups 2 n 2"]) -> dict[str, Float[ndarray, " cups"]]:
+    """Lengths of the lower and the upper edge of flat panels, and their width, height and area as pieces lie."""
+    start, chord = edges[:, :1, :1], edges[:, 0, -1] - edges[:, 0, 0]
+    x = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-12)
+    turn = np.stack((x, np.stack((-x[:, 1], x[:, 0]), axis=-1)), axis=-1)
+    level = (edges - start) @ turn[:, None]
+    lengths = np.linalg.norm(np.diff(level, axis=2), axis=3).sum(2)
+    outline = np.concatenate((level[:, 0], level[:, 1, ::-1]), axis=1)
+    after = np.roll(outline, -1, axis=1)
+    doubled = (outline[..., 0] * after[..., 1] - outline[..., 1] * after[..., 0]).sum(1)
+    width, height = np.ptp(outline, axis=1).T
+    sizes = {"width": width, "height": height, "area": np.abs(doubled) / 200}
+    return {"lower": lengths[:, 0], "upper": lengths[:, 1], **sizes}
+
+
+def _of_cup(
+    edges: Float[ndarray, "cups e n 3"], apex: Float[ndarray, "3"], strap_point: Float[ndarray, "3"] | None
+) -> dict[str, Float[ndarray, " cups"]]:
+    """Span, depth, and straight distances from the apex, mm."""
+    wire, upper = edges[..., 0, :, :], edges[..., -1, :, :]
+    inner, outer = wire[..., 0, :], wire[..., -1, :]
+    lowest = wire[..., 0].argmax(-1)[..., None, None]
     places = {
         "inner end": inner,
         "outer end": outer,
-        "bottom of the wire": edges[0, edges[0, :, 0].argmax()],
-        "nearest point of the upper edge": edges[-1, np.linalg.norm(edges[-1] - apex, axis=1).argmin()],
+        "bottom of the wire": np.take_along_axis(wire, lowest, axis=-2)[..., 0, :],
+    }
+    found = {
+        "wire span (end to end)": np.linalg.norm(outer - inner, axis=-1),
+        "depth (out of the wire's plane)": edges[..., 2].max((-2, -1)),
+        **{f"apex to {name}": np.linalg.norm(place - apex, axis=-1) for name, place in places.items()},
+        "apex to nearest point of the upper edge": np.linalg.norm(upper - apex, axis=-1).min(-1),
     }
     if strap_point is not None:
-        places["strap point"] = strap_point
-    return [
-        Dimension("cup", "wire span (end to end)", float(np.linalg.norm(outer - inner)), "mm"),
-        Dimension("cup", "depth (out of the wire's plane)", float(edges[..., 2].max()), "mm"),
-        *(Dimension("cup", f"apex to {name}", float(np.linalg.norm(p - apex)), "mm") for name, p in places.items()),
-    ]
+        away = float(np.linalg.norm(strap_point - apex))
+        found["apex to strap point"] = np.full(len(edges), away)
+    return found

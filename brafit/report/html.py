@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from html import escape
 from importlib import resources
 from typing import Any
@@ -43,6 +44,7 @@ def page(title: str, body: str, wide: bool = False) -> str:
     )
 
 
+@cache
 def asset(name: str) -> str:
     """A style sheet or script of this package."""
     return resources.files("brafit.report").joinpath(name).read_text(encoding="utf-8")

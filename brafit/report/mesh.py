@@ -13,13 +13,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int, Int32, Shaped, UInt8
 from numpy import ndarray
 
 from brafit.atomic import write_bytes, write_text
 from brafit.cup.shape import CupShape
-from brafit.pattern.piece import Piece
+from brafit.pattern.piece import Piece, Side
 from brafit.report.colour import PANELS, distance_colours, distance_limit
+
+DOTS = 4000
+"""Points of a cloud that `mesh_view` shows at most."""
+# The viewer looks along -z with y up: the bottom of the wire (+x of the cup frame) downwards, the chest behind.
+_UPRIGHT = np.array(((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
 
 Place = Callable[[Float[ndarray, "n 3"]], Float[ndarray, "n 3"]]
 """An isometry from the cup frame to the frame that is written, such as the scan's; it may mirror (right cups)."""
@@ -140,15 +145,15 @@ def write_cup_obj(path: str | Path, meshes: Sequence[PanelMesh]) -> None:
 
     With nine digits, so that the angles of the tiny triangles at the tips are still those of a developable surface.
     """
-    lines, first = ["# brafit: bra cup, an object a panel; vt is the flat pattern; mm"], 1
+    parts, first = ["# brafit: bra cup, an object a panel; vt is the flat pattern; mm\n"], 1
     for mesh in meshes:
-        lines.append(f"o {'_'.join(mesh.name.split())}")
-        lines += [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in mesh.vertices.tolist()]
-        lines += [f"vt {u:.9f} {v:.9f}" for u, v in mesh.flat.tolist()]
-        lines += [f"vn {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.normals.tolist()]
-        lines += ["f " + " ".join(f"{i}/{i}/{i}" for i in face) for face in (mesh.faces + first).tolist()]
+        parts.append(f"o {'_'.join(mesh.name.split())}\n")
+        parts.append(_rows("v %.9f %.9f %.9f\n", mesh.vertices))
+        parts.append(_rows("vt %.9f %.9f\n", mesh.flat))
+        parts.append(_rows("vn %.6f %.6f %.6f\n", mesh.normals))
+        parts.append(_rows("f %d/%d/%d %d/%d/%d %d/%d/%d\n", np.repeat(mesh.faces + first, 3, axis=1)))
         first += len(mesh.vertices)
-    write_text(path, "\n".join(lines) + "\n")
+    write_text(path, "".join(parts))
 
 
 def write_cup_glb(path: str | Path, meshes: Sequence[PanelMesh]) -> None:
@@ -201,6 +206,35 @@ def write_cup_glb(path: str | Path, meshes: Sequence[PanelMesh]) -> None:
     write_bytes(path, struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
 
 
+def mesh_view(
+    shape: CupShape, points: Float[ndarray, "n 3"], distances: Float[ndarray, " n"], side: Side = "left"
+) -> tuple[Float32[ndarray, "v 3"], UInt8[ndarray, "v 3"], Int32[ndarray, "f 3"]]:
+    """A cup and its cloud, coloured by distance, as one mesh about the origin: vertices, colours, faces.
+
+    x runs to the right, y up and z to the viewer. Viewers such as TensorBoard's show either points or faces, so every
+    point becomes a small tetrahedron.
+
+    Args:
+        shape: the cup, cup frame, mm.
+        points: cup frame, mm. At most `DOTS` of them, evenly chosen, are shown.
+        distances: mm, positive outside the cup.
+        side: right cups, which are fitted as left ones, are shown as they are worn.
+    """
+    worn = np.array((1.0, -1.0 if side == "right" else 1.0, 1.0))
+    cup = cup_mesh(shape, strips=6, place=lambda x: x * worn)
+    chosen = np.unique(np.linspace(0, len(points) - 1, min(len(points), DOTS)).astype(int))
+    size = 0.004 * float(np.ptp(cup.vertices, axis=0).max())
+    dots, faces = _tetrahedra(points[chosen] * worn, size)
+    vertices = np.vstack((cup.vertices, dots))
+    centre = (vertices.min(0) + vertices.max(0)) / 2
+    colours = np.repeat(distance_colours(distances[chosen], distance_limit(distances)), 4, axis=0)
+    return (
+        ((vertices - centre) @ _UPRIGHT.T).astype(np.float32),
+        np.vstack((PANELS[cup.panel % len(PANELS)], colours)).astype(np.uint8),
+        np.vstack((cup.faces, faces + len(cup.vertices))).astype(np.int32),
+    )
+
+
 def is_mirror(place: Place) -> bool:
     """Whether an isometry turns left hands into right ones."""
     corners = place(np.vstack((np.zeros(3), np.eye(3))))
@@ -240,6 +274,14 @@ def _placed(mesh: Mesh, place: Place) -> Mesh:
     return Mesh(vertices, normals, mesh.panel, faces)
 
 
+def _tetrahedra(centres: Float[ndarray, "n 3"], size: float) -> tuple[Float[ndarray, "4*n 3"], Int[ndarray, "4*n 3"]]:
+    """Vertices and outward faces."""
+    corners = size * np.array(((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)))
+    faces = np.array(((0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)))
+    vertices = (centres[:, None] + corners).reshape(-1, 3)
+    return vertices, (faces + 4 * np.arange(len(centres))[:, None, None]).reshape(-1, 3)
+
+
 def _columns(names: str, kind: str, values: ndarray) -> Iterable[tuple[str, str, ndarray]]:
     return ((name, kind, values[:, i]) for i, name in enumerate(names.split()))
 
@@ -250,6 +292,11 @@ def _structured(fields: Iterable[tuple[str, str, ndarray]]) -> ndarray:
     for name, _, values in fields:
         array[name] = values
     return array
+
+
+def _rows(form: str, values: Shaped[ndarray, "n k"]) -> str:
+    """A line of text for each row."""
+    return form * len(values) % tuple(values.ravel().tolist())
 
 
 def _ply(vertices: ndarray, faces: ndarray | None, comment: str) -> bytes:

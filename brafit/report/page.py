@@ -18,18 +18,11 @@ from brafit.atomic import write_text
 from brafit.cup.shape import CupShape
 from brafit.pattern.finish import Pattern
 from brafit.pattern.piece import Piece, Side
-from brafit.pattern.svg import svg_bytes
 from brafit.report.band import Deviation, band_svg, magnification
 from brafit.report.colour import DIVERGING, PANELS, distance_colours, distance_limit
 from brafit.report.dimensions import Dimension
-from brafit.report.html import MEANINGS
-from brafit.report.html import asset as _asset
-from brafit.report.html import link as _link
-from brafit.report.html import number as _number
-from brafit.report.html import page as _page
-from brafit.report.html import short as _short
-from brafit.report.html import text as _text
-from brafit.report.paper import PaperPanel, paper_gap
+from brafit.report.html import MEANINGS, asset, link, number, page, short, text
+from brafit.report.paper import PaperPanel
 
 DOTS = 6000
 """Points of a cloud that the 3D view shows at most."""
@@ -43,9 +36,11 @@ def write_report(
     side: Side,
     shape: CupShape,
     papers: Sequence[PaperPanel],
+    gap: float,
     points: Float[ndarray, "n 3"],
     distances: Float[ndarray, " n"],
     pattern: Pattern,
+    drawing: bytes,
     dimensions: Sequence[Dimension],
     sources: Mapping[str, str],
     files: Sequence[str],
@@ -59,8 +54,9 @@ def write_report(
         row: the scan's row of summary.csv.
         side: right cups, which are fitted as left ones, are shown as they are worn.
         shape: the cup, cup frame, mm.
-        papers: from `paper_panels`, for the view of the folding paper cup.
+        papers, gap: from `paper_panels` and `paper_gap`, for the view of the folding paper cup.
         points, distances: of the fit, cup frame, mm; positive outside the cup.
+        drawing: the pattern as SVG.
         sources: for each input what was given, or what was taken in its place.
         files: other results in the same folder, to link to.
         band: sewing lines of the pieces and how uncertain each of their edges is, where that is known.
@@ -73,14 +69,14 @@ def write_report(
     about += [f"{len(papers)} panel{'s' * (len(papers) > 1)}"]
     data = _data(side, shape, papers, points, distances, limit)
     body = [
-        f"<h1>{_text(name)}</h1>",
-        f'<p class="soft">{_text(", ".join(about))}; {_text(row.get("reason") or "")}</p>',
+        f"<h1>{text(name)}</h1>",
+        f'<p class="soft">{text(", ".join(about))}; {text(row.get("reason") or "")}</p>',
         _facts(row, dimensions),
         _warnings([*warnings, *pattern.warnings]),
         "<h2>Cup and cloud</h2>",
-        _stage(limit, paper_gap(shape, list(papers))),
+        _stage(limit, gap),
         "<h2>Pieces</h2>",
-        _picture(pattern, name),
+        _picture(drawing),
         "" if band is None else _certainty(*band),
         '<div class="columns"><section><h2>Finished dimensions</h2>',
         _dimension_table(dimensions, pattern),
@@ -88,13 +84,13 @@ def write_report(
         _figure_table(row),
         "<h2>Given and guessed</h2>",
         _pairs_table(sources),
-        "".join(f"<p>{_text(note)}</p>" for note in notes),
-        "<h2>Files</h2><p>" + ", ".join(f'<a href="{_link(file)}">{_text(file)}</a>' for file in files) + "</p>",
+        "".join(f"<p>{text(note)}</p>" for note in notes),
+        "<h2>Files</h2><p>" + ", ".join(f'<a href="{link(file)}">{text(file)}</a>' for file in files) + "</p>",
         "</section></div>",
         f'<script type="application/json" id="cup-data">{data}</script>',
-        f"<script>{_asset('viewer.js')}</script>",
+        f"<script>{asset('viewer.js')}</script>",
     ]
-    write_text(path, _page(f"{name}: bra cup", "\n".join(body)))
+    write_text(path, page(f"{name}: bra cup", "\n".join(body)))
 
 
 def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension]) -> str:
@@ -107,9 +103,9 @@ def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension]) -> str:
         ("twist at most", row.get("twist_deg_max"), "degrees"),
         ("seam sides differ by", row.get("seam_mismatch_mm"), "mm"),
     ]
-    shown = [(name, _number(value), unit) for name, value, unit in facts]
+    shown = [(name, number(value), unit) for name, value, unit in facts]
     cells = [
-        f"<div><b>{_text(_short(v))} {unit}</b><span>{name}</span></div>" for name, v, unit in shown if v is not None
+        f"<div><b>{text(short(v))} {unit}</b><span>{name}</span></div>" for name, v, unit in shown if v is not None
     ]
     return f'<div class="facts">{"".join(cells)}</div>'
 
@@ -117,7 +113,7 @@ def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension]) -> str:
 def _warnings(warnings: Sequence[str]) -> str:
     if not warnings:
         return '<p class="fine">All checks of fit and pieces passed.</p>'
-    lines = "".join(f"<li>{_text(words)}</li>" for words in warnings)
+    lines = "".join(f"<li>{text(words)}</li>" for words in warnings)
     return f'<div class="warnings"><b>Warnings</b><ul>{lines}</ul></div>'
 
 
@@ -138,12 +134,12 @@ def _stage(limit: float, gap: float) -> str:
         f'<div class="scale"><div style="background:linear-gradient(to right, {colours})"></div>'
         f"<span>{-limit:g} mm (inside the cup)</span><span>0</span><span>{limit:g} mm (outside)</span></div></div>"
         '<p class="soft">Drag to turn, wheel to zoom. Points are coloured by their distance from the cup. '
-        f"Folded from flat facets, the paper cup comes to within {_text(_short(gap))} mm of the cup.</p>"
+        f"Folded from flat facets, the paper cup comes to within {text(short(gap))} mm of the cup.</p>"
     )
 
 
-def _picture(pattern: Pattern, name: str) -> str:
-    data = base64.b64encode(svg_bytes([pattern], name)).decode()
+def _picture(drawing: bytes) -> str:
+    data = base64.b64encode(drawing).decode()
     return f'<img class="pieces" alt="pattern pieces" src="data:image/svg+xml;base64,{data}">'
 
 
@@ -165,8 +161,8 @@ def _dimension_table(dimensions: Sequence[Dimension], pattern: Pattern) -> str:
         part = d.part
         value = pattern.options.length(d.value) if d.unit == "mm" else f"{d.value:.1f} cm²"
         doubt = "" if d.sd is None else _doubt(d, pattern)
-        cells = f'<td>{_text(d.name)}</td><td class="number">{value}</td><td class="number soft">{doubt}</td>'
-        lines.append(f"<tr><th>{_text(first)}</th>{cells}</tr>")
+        cells = f'<td>{text(d.name)}</td><td class="number">{value}</td><td class="number soft">{doubt}</td>'
+        lines.append(f"<tr><th>{text(first)}</th>{cells}</tr>")
     known = any(d.sd is not None for d in dimensions)
     words = "±: one standard deviation, if the breast were scanned again; wire, neckline and marks are taken as exact."
     note = f'<p class="soft">{words}</p>' if known else ""
@@ -182,16 +178,16 @@ def _doubt(d: Dimension, pattern: Pattern) -> str:
 
 
 def _pairs_table(pairs: Mapping[str, str]) -> str:
-    lines = "".join(f"<tr><th>{_text(key)}</th><td>{_text(value)}</td></tr>" for key, value in pairs.items())
+    lines = "".join(f"<tr><th>{text(key)}</th><td>{text(value)}</td></tr>" for key, value in pairs.items())
     return f"<table>{lines}</table>"
 
 
 def _figure_table(row: Mapping[str, Any]) -> str:
     lines = []
     for key, (meaning, unit) in MEANINGS.items():
-        value = _number(row.get(key))
+        value = number(row.get(key))
         if value is not None:
-            lines.append(f'<tr><td>{meaning}</td><td class="number">{_text(_short(value))}</td><td>{unit}</td></tr>')
+            lines.append(f'<tr><td>{meaning}</td><td class="number">{text(short(value))}</td><td>{unit}</td></tr>')
     return f"<table>{''.join(lines)}</table>"
 
 
@@ -211,7 +207,7 @@ def _data(
     tree = KDTree(points)
     panels = []
     for i, paper in enumerate(papers):
-        folds = [np.stack(paper.folded(share)) for share in np.linspace(0, 1, _FOLDS)[:-1]] + [edges[i : i + 2]]
+        folds = [*paper.folds(np.linspace(0, 1, _FOLDS)[:-1]), edges[i : i + 2]]
         share = (np.arange(_STRIPS) + 0.5)[:, None] / _STRIPS
         lower, upper = ((edge[:-1] + edge[1:])[:, None] / 2 for edge in edges[i : i + 2])
         nearest = distances[tree.query(((1 - share) * lower + share * upper).reshape(-1, 3))[1]]

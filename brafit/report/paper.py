@@ -41,23 +41,24 @@ class PaperPanel:
 
     def folded(self, share: float) -> tuple[Float[ndarray, "n 3"], Float[ndarray, "n 3"]]:
         """Lower and upper edge in space when every crease is folded by `share` of its angle: 0 flat, 1 the cup."""
-        flat = np.zeros((2, len(self.lower), 3))
+        lower, upper = self.folds(np.array([share]))[0]
+        return lower, upper
+
+    def folds(self, shares: Float[ndarray, " s"]) -> Float[ndarray, "s 2 n 3"]:
+        """Both edges as `folded` gives them, for several shares."""
+        n, start = len(self.lower), self.middle
+        flat = np.zeros((2, n, 3))
         flat[0, :, :2], flat[1, :, :2] = self.lower, self.upper
-        placed = np.empty_like(flat)
-        start = self.middle
-        turn, shift = self.frame, self.origin - self.frame @ flat[0, start]
-        placed[:, start : start + 2] = flat[:, start : start + 2] @ turn.T + shift
-        for step in (1, -1):
-            rotation, translation = turn, shift
-            rulings = range(start + 1, len(self.lower) - 1) if step > 0 else range(start, 0, -1)
-            for k in rulings:
-                axis = flat[1, k] - flat[0, k]
-                crease = _rotation(axis, step * share * self.creases[k])
-                # about the ruling k of the flat panel, then as the facet before it
-                translation = translation + rotation @ (flat[0, k] - crease @ flat[0, k])
-                rotation = rotation @ crease
-                placed[:, k + step] = flat[:, k + step] @ rotation.T + translation
-        return placed[0], placed[1]
+        first = _motion(self.frame, self.origin - self.frame @ flat[0, start])
+        moves = np.empty((len(shares), n, 4, 4))
+        moves[:, start : start + 2] = first
+        # every facet moves as the one before it, after a turn about the flat panel's ruling between them
+        turns = _creases(flat[0], flat[1] - flat[0], shares[:, None] * self.creases)
+        back = _creases(flat[0], flat[1] - flat[0], -shares[:, None] * self.creases)
+        moves[:, start + 2 :] = first @ _products(turns[:, start + 1 : n - 1])
+        moves[:, :start] = (first @ _products(back[:, start:0:-1]))[:, ::-1]
+        moved = flat[None, :, :, None, :] @ moves[:, None, ..., :3, :3].swapaxes(-1, -2)
+        return moved[..., 0, :] + moves[:, None, ..., :3, 3]
 
 
 def paper_panels(shape: CupShape, panels: list[FlatPanel]) -> list[PaperPanel]:
@@ -110,8 +111,29 @@ def _basis(vectors: ndarray) -> Float[ndarray, "3 3"]:
     return np.stack((a, b, np.cross(a, b)), axis=1)
 
 
-def _rotation(axis: Float[ndarray, "3"], angle: float) -> Float[ndarray, "3 3"]:
-    """About an axis through the origin."""
-    x, y, z = axis / max(float(np.linalg.norm(axis)), 1e-12)
-    cross = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+def _motion(turn: Float[ndarray, "*n 3 3"], shift: Float[ndarray, "*n 3"]) -> Float[ndarray, "*n 4 4"]:
+    """A rotation and a shift after it."""
+    motion = np.zeros((*shift.shape[:-1], 4, 4))
+    motion[..., :3, :3], motion[..., :3, 3], motion[..., 3, 3] = turn, shift, 1.0
+    return motion
+
+
+def _creases(
+    origins: Float[ndarray, "n 3"], axes: Float[ndarray, "n 3"], angles: Float[ndarray, "s n"]
+) -> Float[ndarray, "s n 4 4"]:
+    """Rotations about axes through points."""
+    x, y, z = (axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-12)).T
+    zero = np.zeros_like(x)
+    cross = np.stack((zero, -z, y, z, zero, -x, -y, x, zero), axis=-1).reshape(-1, 3, 3)
+    sine, cosine = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
+    turn = np.eye(3) + sine * cross + (1 - cosine) * (cross @ cross)
+    return _motion(turn, origins - (turn @ origins[:, :, None])[..., 0])
+
+
+def _products(motions: Float[ndarray, "s n 4 4"]) -> Float[ndarray, "s n 4 4"]:
+    """Of each motion with all before it: of pairs, then of fours, and so on."""
+    product, step = motions.copy(), 1
+    while step < product.shape[1]:
+        product[:, step:] = product[:, :-step] @ product[:, step:]
+        step *= 2
+    return product

@@ -1,7 +1,6 @@
-"""Orthographic pictures of triangles, dots and lines, painted from back to front into flat matplotlib axes.
+"""Orthographic pictures of surfaces, dots and lines, painted from back to front.
 
-Matplotlib's own 3D axes sort whole collections, so that a cloud lies either wholly before or wholly behind a surface;
-here every triangle, dot and piece of line takes its own place in depth, and flat axes keep one scale.
+Every facet, dot and piece of line takes its own place in depth.
 """
 
 from __future__ import annotations
@@ -9,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Int
-from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from jaxtyping import Float
 from numpy import ndarray
+
+from brafit.report.canvas import Canvas
 
 LIGHT = np.array((-0.35, 0.55, 0.76))
 """Direction to the light: from the viewer's left, above and behind."""
@@ -35,41 +34,47 @@ class View:
         return cls(right, np.cross(w, right), w)
 
     def flat(self, points: Float[ndarray, "*n 3"]) -> Float[ndarray, "*n 2"]:
-        """Coordinates in the picture."""
+        """Coordinates in the picture, y up."""
         return np.stack((points @ self.right, points @ self.up), axis=-1)
 
 
 @dataclass
 class Picture:
-    """Things to be painted in one view. Colours are RGB from 0 to 1; lengths are those of the points."""
+    """Things to be painted in one view. Colours are RGB from 0 to 255; lengths are those of the points.
+
+    Attributes:
+        radius: of all dots.
+    """
 
     view: View
-    _shapes: list[ndarray] = field(default_factory=list)
-    _depths: list[float] = field(default_factory=list)
-    _colours: list[tuple[float, ...]] = field(default_factory=list)
-    _outlined: list[float] = field(default_factory=list)
+    radius: float = 0.0
+    _boxes: list[ndarray] = field(default_factory=list)
+    _box_depths: list[ndarray] = field(default_factory=list)
+    _box_colours: list[ndarray] = field(default_factory=list)
+    _dots: list[ndarray] = field(default_factory=list)
+    _dot_depths: list[ndarray] = field(default_factory=list)
+    _dot_colours: list[ndarray] = field(default_factory=list)
 
-    def triangles(
+    def facets(
         self,
-        vertices: Float[ndarray, "v 3"],
-        normals: Float[ndarray, "v 3"],
-        faces: Int[ndarray, "f 3"],
-        colours: Float[ndarray, "v 3"],
+        corners: Float[ndarray, "n 4 3"],
+        normals: Float[ndarray, "n 3"],
+        colour: Float[ndarray, "3"],
     ) -> None:
-        """A shaded surface; where its back is seen it is darker."""
-        normal, colour = normals[faces].mean(1), colours[faces].mean(1)
-        facing = normal @ self.view.viewer
+        """A shaded surface of quadrangles; where its back is seen it is darker."""
+        facing = normals @ self.view.viewer
         light = LIGHT @ np.stack((self.view.right, self.view.up, self.view.viewer))
-        shade = 0.7 + 0.36 * np.clip(normal * np.sign(facing)[:, None] @ light, 0, 1)
+        shade = 0.7 + 0.36 * np.clip(normals * np.sign(facing)[:, None] @ light, 0, 1)
         shade = np.where(facing < 0, 0.75 * shade, shade)
-        corners = vertices[faces]
-        self._add(self.view.flat(corners), (corners @ self.view.viewer).mean(1), colour * shade[:, None], 0.4)
+        self._boxes.append(self.view.flat(corners))
+        self._box_depths.append((corners @ self.view.viewer).mean(1))
+        self._box_colours.append(colour * shade[:, None])
 
-    def dots(self, points: Float[ndarray, "n 3"], colours: Float[ndarray, "n 3"], radius: float, lift: float) -> None:
+    def dots(self, points: Float[ndarray, "n 3"], colours: Float[ndarray, "n 3"], lift: float) -> None:
         """Round dots, as if `lift` nearer to the viewer than they are."""
-        angle = np.arange(8) * np.pi / 4
-        ring = radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
-        self._add(self.view.flat(points)[:, None] + ring, points @ self.view.viewer + lift, colours, 0.0)
+        self._dots.append(self.view.flat(points))
+        self._dot_depths.append(points @ self.view.viewer + lift)
+        self._dot_colours.append(colours)
 
     def line(
         self, points: Float[ndarray, "n 3"], colour: tuple[float, float, float], width: float, lift: float
@@ -81,28 +86,34 @@ class Picture:
         along = width / 2 * along / np.where(size > 0, size, 1.0)
         aside = along[:, ::-1] * (-1, 1)
         a, b = flat[:-1] - along / 2, flat[1:] + along / 2
-        boxes = np.stack((a - aside, b - aside, b + aside, a + aside), axis=1)
-        depth = (points[:-1] + points[1:]) @ self.view.viewer / 2 + lift
-        self._add(boxes, depth, np.tile(colour, (len(boxes), 1)), 0.2)
+        self._boxes.append(np.stack((a - aside, b - aside, b + aside, a + aside), axis=1))
+        self._box_depths.append((points[:-1] + points[1:]) @ self.view.viewer / 2 + lift)
+        self._box_colours.append(np.tile(colour, (len(a), 1)))
 
     @property
     def bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
         """Lower left and upper right corner of everything."""
-        corners = np.concatenate(self._shapes)
+        dots = np.concatenate([np.zeros((0, 2)), *self._dots])
+        corners = np.concatenate(
+            [*(boxes.reshape(-1, 2) for boxes in self._boxes), dots - self.radius, dots + self.radius]
+        )
         return corners.min(0), corners.max(0)
 
-    def paint(self, axes: Axes, shift: Float[ndarray, "2"]) -> None:
-        """Draw everything, the farthest first, moved by `shift`. Limits and scale of the axes are the caller's."""
-        order = np.argsort(self._depths, kind="stable")
-        colours = np.clip(np.array(self._colours)[order], 0, 1)
-        # outlines in the faces' own colours close the hairlines that anti-aliasing leaves between triangles
-        widths = np.array(self._outlined)[order]
-        shapes = [self._shapes[i] + shift for i in order]
-        painted = PolyCollection(shapes, facecolors=colours, edgecolors=colours, linewidths=widths)
-        axes.add_collection(painted, autolim=False)
+    def paint(self, canvas: Canvas, corner: tuple[float, float], scale: float) -> None:
+        """Draw everything, the farthest first.
 
-    def _add(self, shapes: ndarray, depths: ndarray, colours: ndarray, outlined: float) -> None:
-        self._shapes.extend(shapes)
-        self._depths.extend(depths)
-        self._colours.extend(map(tuple, colours))
-        self._outlined.extend([outlined] * len(shapes))
+        Args:
+            corner: where the upper left corner of everything is to lie, pixels.
+            scale: pixels to one unit of length.
+        """
+        low, high = self.bounds
+        origin = np.array((low[0], high[1]))
+
+        def place(flat: ndarray) -> ndarray:
+            return np.asarray(corner) + (flat - origin) * (scale, -scale)
+
+        depths = np.concatenate((*self._box_depths, *self._dot_depths))
+        colours = np.clip(np.rint(np.concatenate((*self._box_colours, *self._dot_colours))), 0, 255).astype(int)
+        dots = np.concatenate([np.zeros((0, 2)), *self._dots])
+        order = np.argsort(depths, kind="stable")
+        canvas.shapes(place(np.concatenate(self._boxes)), place(dots), scale * self.radius, colours, order)

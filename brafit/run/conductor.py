@@ -290,7 +290,8 @@ class _Conductor:
             elif innocent:
                 self.queues.fits.append(_Fitting(task.number, task.scans, True))
             else:
-                self._charge(task.scans[0].ref, task.scans[0].k, "fitting it", event)
+                alone = next(iter(task.scans))
+                self._charge(alone.ref, alone.k, "fitting it", event)
         elif isinstance(task, _Finishing):
             if innocent:
                 self.queues.finishing.append(_Finishing(task.loaded, task.fit, True))

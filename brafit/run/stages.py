@@ -248,7 +248,7 @@ def _of_scans(step: Step, names: Sequence[str], watched: Sequence[str]) -> dict[
     found: dict[str, dict[str, float]] = {}
     shown = {key: step.terms[key].detach().double().cpu() for key in ("objective", "rms_mm") if key in step.terms}
     for row, scan in enumerate(step.scans.tolist()):
-        name, values = names[scan], {key: float(value[row]) for key, value in shown.items()}
+        name, values = names[int(scan)], {key: float(value[row]) for key, value in shown.items()}
         if name in watched and (name not in found or values["objective"] < found[name]["objective"]):
             found[name] = values
     return found

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+import shapely
+from shapely import LineString
 
-from brafit.pattern.curve import Curve
+from brafit.pattern.curve import Curve, curves_through, enclosed_area, offsets
 
 
 def arc(radius: float, end: float = 2.4, n: int = 200) -> np.ndarray:
@@ -88,3 +90,36 @@ def test_reversed_and_mapped():
 def test_one_point_is_no_curve():
     with pytest.raises(ValueError, match="two distinct"):
         Curve.through(np.zeros((3, 2)))
+
+
+def test_curves_fitted_together_are_those_fitted_alone():
+    x = np.linspace(0, 200, 400)
+    lines = [arc(80.0), np.stack((x, 8 * np.sin(x / 9)), -1), np.array(((0.0, 0.0), (50.0, 10.0)))]
+    together = curves_through(lines)
+    for line, curve in zip(lines, together, strict=True):
+        np.testing.assert_array_equal(curve.controls, Curve.through(line).controls)
+    moved = offsets(together, [5.0, 40.0, 0.0])
+    assert moved[1] is None, "the waves are tighter than that"
+    assert moved[2] is together[2]
+    alone = together[0].offset(5.0)
+    assert moved[0] is not None
+    assert alone is not None
+    np.testing.assert_array_equal(moved[0].controls, alone.controls)
+
+
+@pytest.mark.parametrize("turn", [0.5, 1.5, 2.5])
+def test_sharp_bends_are_followed(turn):
+    """A bend of a tenth of a millimetre, as sharp as a corner to anyone who cuts."""
+    leg = np.linspace(1, 60, 60)[:, None]
+    bend = 0.1 * np.stack((np.sin(angle := np.linspace(0, turn, 40)), 1 - np.cos(angle)), -1)
+    points = np.vstack((-leg[::-1] * (1, 0), bend, bend[-1] + leg * (np.cos(turn), np.sin(turn))))
+    curve = Curve.through(points)
+    away = shapely.distance(shapely.points(points), LineString(curve.polyline(1e-5)))
+    assert np.max(away) < 0.0105
+    assert len(curve.controls) < 40
+
+
+def test_area_within_curves():
+    half, back = Curve.through(arc(80.0, np.pi), 1e-5), Curve.line((-80.0, 0.0), (80.0, 0.0))
+    assert enclosed_area([half, back]) == pytest.approx(np.pi * 80**2 / 2, abs=0.01)
+    assert enclosed_area([back.reversed(), half.reversed()]) == pytest.approx(-np.pi * 80**2 / 2, abs=0.01)

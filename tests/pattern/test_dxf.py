@@ -9,6 +9,7 @@ import ezdxf.filemanagement
 import numpy as np
 import pytest
 from check_patterns import dxf_figures, gdal_figures, polyline_length, trimesh_figures
+from ezdxf.lldxf.encoding import decode_dxf_unicode
 from patterns import pattern, program
 
 from brafit.pattern.dxf import block_name, write_dxf
@@ -95,8 +96,12 @@ def test_block_names_are_fit_for_release_12():
 
 
 def test_odd_names_stay_readable_files(tmp_path):
-    write_dxf(tmp_path / "p.dxf", [pattern(name='Größe "胸"\n\x07')], "a\nb\x00")
-    assert len(blocks(read(tmp_path / "p.dxf"))) == 3
+    write_dxf(tmp_path / "p.dxf", [pattern(name='Größe "胸"\n\x07')], "a\nb\x00é")
+    document = read(tmp_path / "p.dxf")
+    assert len(blocks(document)) == 3
+    assert "Style Name: a b é" in map(decode_dxf_unicode, texts(document.modelspace()))
+    labels = [decode_dxf_unicode(line) for block in blocks(document).values() for line in texts(block)]
+    assert any('Größe "胸"' in line for line in labels)
     (tmp_path / "p.dxf").read_text(encoding="ascii")
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from lunes import RADIUS, lune_area, lune_cup, sphere_points
 
-from brafit.report.mesh import cup_mesh, write_cup_ply, write_points_ply
+from brafit.report.mesh import DOTS, cup_mesh, mesh_view, write_cup_ply, write_points_ply
 
 trimesh = pytest.importorskip("trimesh", reason="the mesh reader trimesh is not installed")
 
@@ -74,3 +74,33 @@ def test_points_and_distances_must_agree(tmp_path):
     with pytest.raises((ValueError, TypeError)):  # the shape checks of a test run come first
         write_points_ply(tmp_path / "points.ply", np.zeros((3, 3)), np.zeros(2))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_3d_view_shows_cups_as_they_are_worn(side):
+    points, distances = sphere_points(700)
+    vertices, colours, faces = mesh_view(lune_cup(n=21), points, distances, side)
+    assert vertices.shape == colours.shape == (2 * (2 + 19 * 7) + 4 * 700, 3)
+    assert faces.min() == 0
+    assert faces.max() == len(vertices) - 1
+    assert np.abs(vertices.min(0) + vertices.max(0)).max() < 1e-3
+    dots = vertices[-4 * 700 :].reshape(-1, 4, 3).mean(1)
+    worn = points[:, [1, 0, 2]] * ((1, -1, 1) if side == "left" else (-1, -1, 1))
+    np.testing.assert_allclose(dots - dots[0], worn - worn[0], atol=1e-3)
+
+
+def test_the_3d_view_shows_faces_outwards():
+    points, distances = sphere_points(20)
+    for side in ("left", "right"):
+        vertices, colours, faces = mesh_view(lune_cup(n=21), points, distances, side)
+        assert (vertices.dtype, colours.dtype, faces.dtype) == (np.float32, np.uint8, np.int32)
+        cup = faces[: len(faces) - 4 * 20]
+        corners = vertices[cup].astype(float)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        assert np.mean(normals[:, 2] >= -1e-6) > 0.95  # to the viewer
+
+
+def test_large_clouds_are_thinned_in_the_3d_view():
+    points, distances = sphere_points(DOTS + 500)
+    vertices, _, _ = mesh_view(lune_cup(n=21), points, distances)
+    assert len(vertices) == 2 * (2 + 19 * 7) + 4 * DOTS

@@ -1,5 +1,6 @@
 """The web pages: what they say, and in a real browser what they show."""
 
+import io
 import os
 import re
 import subprocess
@@ -20,6 +21,7 @@ from brafit.report.index import write_index
 from brafit.result import Result
 from brafit.scan import CupFrame
 
+ROOT = Path(__file__).parents[2]
 APEX = np.array([RADIUS * np.sin(np.pi / 4), RADIUS + 7.0, RADIUS * np.sin(np.pi / 4) + 6.0])
 
 
@@ -29,7 +31,7 @@ def result(
     points, _ = sphere_points(2000)
     shape = lune_cup(panels)
     distances = point_distances(torch.as_tensor(points), shape).numpy()
-    figures = {"rms_mm": float(np.sqrt(np.mean(distances**2))), "twist_deg_max": 0.0, "max_mm": float("nan")}
+    figures = {"rms_mm": float(np.sqrt(np.mean(distances**2))), "twist_deg_max": 0.0, "outline_sd_mm": float("nan")}
     fit = CupFit(name, ResultCode.CONVERGED, "converged", shape, lune_flat(panels), distances, figures, {}, 3, 1.5)
     target = Target(name, points, shape.edges[0].numpy(), apex=apex, strap_point=np.array([0.0, RADIUS, RADIUS]))
     mirror = np.diag((1.0, -1.0, 1.0)) if side == "right" else np.eye(3)
@@ -165,6 +167,35 @@ def test_thumbnail_and_files_of_a_result(tmp_path):
         assert picture.size == (264, 176)
     again = result(formats=["svg"], meshes=[], report=False).save(tmp_path)
     assert {file.name for file in again} == {"patterns.svg", "fit.json"} == {file.name for file in tmp_path.iterdir()}
+
+
+def test_pictures_and_3d_view_of_a_result():
+    from PIL import Image
+
+    made = {side: result(side=side) for side in ("left", "right")}
+    for one in made.values():
+        pictures = one.pictures()
+        assert list(pictures) == ["patterns", "fit"]
+        for png in pictures.values():
+            with Image.open(io.BytesIO(png)) as picture:
+                assert picture.width >= 900
+    (left, *_), (right, *_) = (made[side].mesh_view() for side in ("left", "right"))
+    assert left.shape == right.shape
+    # as they are worn: the outer end of a left cup is on the viewer's right, of a right one on the left
+    np.testing.assert_allclose(np.sort(left[:500, 0]), np.sort(-right[:500, 0]), atol=2)
+    assert left[: len(left) // 8, 0].std() > 1
+
+
+def test_what_is_not_asked_for_is_not_made(tmp_path):
+    """Patterns alone need neither the meshes nor the modules of other formats."""
+    result(formats=["dxf"], meshes=[], report=False).save(tmp_path)
+    program = (
+        "import sys; sys.path[:0] = ['tests', 'scripts']\n"
+        "from report.test_page import result\n"
+        "result(formats=['dxf'], meshes=[], report=False).save(sys.argv[1])\n"
+        "assert not {'matplotlib', 'reportlab', 'ezdxf', 'PIL', 'tensorboard'} & set(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", program, tmp_path], check=True, env={**os.environ}, cwd=ROOT)
 
 
 def test_pages_need_neither_matplotlib_nor_a_browser():

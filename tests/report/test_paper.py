@@ -37,3 +37,10 @@ def test_unfolded_is_flat_and_folding_bends_it():
         depth.append(np.linalg.svd(points - points.mean(0))[1][2])
     assert depth[0] < 1e-9
     assert depth[0] < depth[1] < depth[2]
+
+
+def test_several_shares_at_once():
+    shares = np.array((0.0, 0.25, 1.0))
+    for paper in paper_panels(lune_cup(3), lune_flat(3)):
+        for share, fold in zip(shares, paper.folds(shares), strict=True):
+            np.testing.assert_allclose(fold, np.stack(paper.folded(float(share))), atol=1e-10)
