@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -118,22 +117,66 @@ class Bounded:
     curve: Float[np.ndarray, "c 3"] | None
 
 
-def load_scan(path: str | Path | Cloud, *, side: str | None = None, **settings: Any) -> Scan:
+def load_scan(
+    path: str | Path | Cloud,
+    *,
+    points: int | None = 2000,
+    outliers: float | None = 3.0,
+    neighbours: int = 16,
+    name: str | None = None,
+    side: str | None = None,
+    units: str | None = None,
+    wire: str | None = None,
+    propose: bool = False,
+    symmetry: bool = True,
+    bridge: bool = True,
+    landmarks: str | Path | None = None,
+    read_seconds: float = READ_SECONDS,
+    mesh_points: int = MESH_POINTS,
+    apart: bool = True,
+) -> Scan:
     """Load a cloud and the landmark file beside it: one breast.
 
     Args:
         path: the cloud's file, or the cloud where it has been read; its landmark file has the same stem and the
             extension `.json`.
+        points, outliers, neighbours: see `brafit.scan.clean` (there `points` is `count`).
+        name: name of the scan; the file's stem if None.
         side: the breast to take, `left` or `right`; None: the one that the landmark file marks (first). One that it
             does not mark gets the other's marks, mirrored at the body's plane of symmetry.
-        settings: see `load_sides`.
+        units: unit of cloud and landmark file, one of `brafit.scan.units.MILLIMETRES`; None: what the landmark file
+            says, else found.
+        wire: None: as the landmark file has it, detected where it has none; `detect`: always detected; a size of
+            `brafit.scan.wires`: a wire of that size, placed best.
+        propose: propose landmarks where there is no landmark file.
+        symmetry: take the points of both breasts of a torso for either cup, where they are mirror images within
+            `brafit.scan.region.ALIKE`.
+        bridge: assume a surface where there are no data (`Scan.assumed`).
+        landmarks: the landmark file, if it is not beside the cloud.
+        read_seconds, mesh_points, apart: see `read_cloud`.
 
     Raises:
         InputError: one line naming file, cause and remedy.
         ConfigError: a setting out of its range.
         Open3DError: Open3D cannot be imported.
     """
-    (scan,) = load_sides(path, (side,), **settings)
+    (scan,) = load_sides(
+        path,
+        (side,),
+        points=points,
+        outliers=outliers,
+        neighbours=neighbours,
+        name=name,
+        units=units,
+        wire=wire,
+        propose=propose,
+        symmetry=symmetry,
+        bridge=bridge,
+        landmarks=landmarks,
+        read_seconds=read_seconds,
+        mesh_points=mesh_points,
+        apart=apart,
+    )
     if isinstance(scan, InputError):
         raise scan
     return scan
@@ -160,19 +203,8 @@ def load_sides(
     """Load breasts of one cloud: it is read once, and what both sides need is found once.
 
     Args:
-        path, sides: see `load_scan`; the breasts to take.
-        points, outliers, neighbours: see `brafit.scan.clean` (there `points` is `count`).
-        name: name of the scans; the file's stem if None.
-        units: unit of cloud and landmark file, one of `brafit.scan.units.MILLIMETRES`; None: what the landmark file
-            says, else found.
-        wire: None: as the landmark file has it, detected where it has none; `detect`: always detected; a size of
-            `brafit.scan.wires`: a wire of that size, placed best.
-        propose: propose landmarks where there is no landmark file.
-        symmetry: take the points of both breasts of a torso for either cup, where they are mirror images within
-            `brafit.scan.region.ALIKE`.
-        bridge: assume a surface where there are no data (`Scan.assumed`).
-        landmarks: the landmark file, if it is not beside the cloud.
-        read_seconds, mesh_points, apart: see `read_cloud`.
+        path: see `load_scan`, as for all further settings.
+        sides: the breasts to take, each as `side` of `load_scan`.
 
     Returns:
         for each side what `load_scan` gives, or the error that it raises.

@@ -29,6 +29,8 @@ FACING = 0.3
 """Least cosine between the normals of linked points."""
 WIDTH = 4.0
 """A point so many times the cloud's noise off the plane of its neighbours floats."""
+CHEAP = 0.2
+"""A link whose ends' normals differ by less than this (one less the cosine, and a share of the length) costs little."""
 BEHIND = 0.2
 """Most breasts look everywhere away from a place so far behind their middle, over the size of the cloud."""
 BELL = 1.0001
@@ -243,33 +245,42 @@ def _one_side(
     cosines = _cosines(turned, near[:, 1:])
     if (cosines >= 0).all():  # every tree would say the same
         return turned
-    lengths = distances[:, 1:]
+    lengths, others = distances[:, 1:], near[:, 1:]
     # Length counts as well: among equals the nearer neighbour is the better witness.
     cost = 1 - np.abs(cosines) + 0.02 * lengths / max(float(np.median(lengths)), 1e-12) + 1e-9
-    _, label = csgraph.connected_components(_graph(cost[:, :LINKS], near[:, 1 : LINKS + 1]), directed=False)
-    # Farther neighbours count where the nearest do not hang together.
-    wanted = label[near[:, 1:]] != label[:, None]
-    wanted[:, :LINKS] = True
-    tree = csgraph.minimum_spanning_tree(_graph(cost, near[:, 1:], wanted))
+    cheap = cost <= CHEAP
+    # Where links of little cost all agree, every tree of them says the same: a few will do, and what joins the parts.
+    few = cheap.copy()
+    few[:, LINKS:] = False
+    _, label = csgraph.connected_components(_graph(cost, others, few), directed=False)
+    signs = _along_a_tree(_graph(cost, others, few | (label[others] != label[:, None])), turned)
+    if (cheap & (cosines * signs[others] * signs[:, None] < 0)).any():
+        signs = _along_a_tree(_graph(cost, others), turned)
+    return turned * signs[:, None]
+
+
+def _along_a_tree(graph: sparse.csr_array, normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Signs with which normals agree along a graph's minimum spanning tree."""
+    tree = csgraph.minimum_spanning_tree(graph)
     tree = (tree + tree.T).tocsr()
     parts, label = csgraph.connected_components(tree, directed=False)
     before = np.arange(len(normals))
     for root in np.unique(label, return_index=True)[1]:
         order, leads = csgraph.breadth_first_order(tree, root, directed=False)
         before[order[1:]] = leads[order[1:]]
-    sign = np.where((turned * turned[before]).sum(axis=1) >= 0, 1.0, -1.0)
+    sign = np.where((normals * normals[before]).sum(axis=1) >= 0, 1.0, -1.0)
     # From every point to its root, in steps that double.
     while (before != before[before]).any():
         sign, before = sign * sign[before], before[before]
-    return _agree_between_parts(turned * sign[:, None], label, parts)
+    return sign * _agreeing_parts(normals * sign[:, None], label, parts)
 
 
-def _agree_between_parts(
+def _agreeing_parts(
     normals: Float[np.ndarray, "n 3"], label: Int[np.ndarray, " n"], parts: int
-) -> Float[np.ndarray, "n 3"]:
-    """Small unconnected parts look, in the mean, to where the largest does."""
+) -> Float[np.ndarray, " n"]:
+    """Signs with which small unconnected parts look, in the mean, to where the largest does."""
     if parts == 1:
-        return normals
+        return np.ones(len(normals))
     total = np.stack([np.bincount(label, weights=column) for column in normals.T], axis=1)
     main = total[np.bincount(label).argmax()]
-    return normals * np.where(total @ main < 0, -1.0, 1.0)[label, None]
+    return np.where(total @ main < 0, -1.0, 1.0)[label]
