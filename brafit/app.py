@@ -191,17 +191,23 @@ def job_of(settings: Mapping[str, Any], choices: Mapping[str, Any], out: Path) -
 
 
 def cores() -> int:
-    """Processor cores that this process may use, or as many as OMP_NUM_THREADS says."""
+    """Processor cores that this process may use, or as many as OMP_NUM_THREADS says; of a sweep's job that runs beside
+    others, its share.
+    """
     said = os.environ.get("OMP_NUM_THREADS", "")
     if said.isdecimal() and int(said) > 0:
         return int(said)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    beside = 1
+    if HydraConfig.initialized() and "joblib" in HydraConfig.get().launcher.get("_target_", ""):
+        jobs = HydraConfig.get().launcher.n_jobs
+        beside = count if jobs < 0 else jobs
+    return max(1, count // beside)
 
 
 def _needs(settings: Mapping[str, Any]) -> list[str]:
     """Modules that these settings will need in every worker."""
-    formats = {"dxf": "ezdxf", "pdf": "reportlab.pdfgen.canvas"}
-    return ["open3d", *(formats[key] for key in settings["pattern"]["formats"] if key in formats)]
+    return ["open3d", *["reportlab.pdfgen.canvas"] * ("pdf" in settings["pattern"]["formats"])]
 
 
 def refuse_other_settings(out: Path, settings: Mapping[str, Any]) -> None:

@@ -470,6 +470,9 @@ def explain(error: BaseException, overrides: list[str]) -> str:
     if match := re.match(r"Ambiguous value for argument '(.*?)=(.*)'", text):
         choice = f"add -m to run each in turn, or write a list: {match[1]}=[{match[2]}]"
         return f"{match[1]}={match[2]}: several values; {choice}"
+    if match := re.search(r"Error locating target 'hydra_plugins\.hydra_(\w+)_launcher", f"{text} {cause}"):
+        extra = {"joblib": "joblib", "ray": "ray", "submitit": "slurm"}[match[1]]
+        return f"this launcher needs a package that is not installed: pip install 'brafit[{extra}]'"
     if match := re.search(r"Could not find '(\w+)/(\S+)'", text):
         choices = [name for name in re.findall(r"^\t(\w+)$", text, re.MULTILINE) if not name.endswith("_schema")]
         return f"{match[1]}={match[2]}: there is no such choice; allowed: {', '.join(choices) or 'none'}"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import gc
 import importlib
 import multiprocessing
 import os
@@ -156,7 +157,8 @@ def _close_all() -> None:
     if _METHOD == "forkserver":
         from multiprocessing.forkserver import _forkserver
 
-        _forkserver._stop()  # type: ignore[attr-defined]  # nothing is left behind, and its time counts as ours
+        with contextlib.suppress(OSError):  # its folder may be gone already
+            _forkserver._stop()  # type: ignore[attr-defined]  # nothing is left behind, and its time counts as ours
 
 
 class _Worker:
@@ -218,13 +220,17 @@ class _Worker:
 
 @contextlib.contextmanager
 def _no_main() -> Iterator[None]:
-    """Keep `multiprocessing` from running the caller's main module in the new process."""
-    main = sys.modules["__main__"]
+    """Keep `multiprocessing` from passing on to the new process what is the caller's own: its main module, which would
+    be run again, and its way of starting processes, which may be known to its libraries only.
+    """
+    main, method = sys.modules["__main__"], multiprocessing.get_start_method(allow_none=True)
     sys.modules["__main__"] = types.ModuleType("__main__")
+    multiprocessing.set_start_method(_METHOD, force=True)
     try:
         yield
     finally:
         sys.modules["__main__"] = main
+        multiprocessing.set_start_method(method, force=True)
 
 
 @contextlib.contextmanager
@@ -245,6 +251,7 @@ def serve(connection: Connection) -> None:
     """Do calls until the other side is gone. This runs in the new process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever sent for it decides what an interrupt means
     os.dup2(2, 1)  # the output is the caller's
+    gc.freeze()  # what is imported stays: it need not be looked through again and again
     _limit_memory()
     _end_with_parent()
 
