@@ -94,7 +94,8 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
         ends: inner and outer end, where they are known. Without them they follow from RISE, ABOVE and TILT.
     """
     surface, hollow = _hollow(surface)
-    drawn, strength = _seen_from_in_front(surface, hollow, ends)
+    image = _image(surface.points, hollow)
+    drawn, strength = _drawn(image, _place(image, ends))
     start = _lifted(drawn, strength, ends, surface.points, hollow)
     line = start
     for window in WINDOWS:
@@ -115,8 +116,10 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
 
 
 def plainness(surface: Surface) -> float:
-    """How plain a crease there is below the apex: `Wire.hollow` of the wire that `trace` would find."""
-    return _plainness(_seen_from_in_front(*_hollow(surface), None)[1])
+    """How plain a crease there is below the apex: about `Wire.hollow` of the wire that `trace` would find."""
+    surface, hollow = _hollow(surface)
+    image = _image(surface.points, hollow)
+    return _plainness(_drawn(image, _starts(image)[0])[1])
 
 
 def _hollow(surface: Surface) -> tuple[Surface, np.ndarray]:
@@ -124,12 +127,6 @@ def _hollow(surface: Surface) -> tuple[Surface, np.ndarray]:
     near = np.linalg.norm(surface.points, axis=1) < HALF
     surface = Surface(surface.points[near], surface.normals[near], surface.spacing)
     return surface, concavity(surface, max(SCALE, 4 * surface.spacing))
-
-
-def _seen_from_in_front(surface: Surface, hollow: np.ndarray, ends: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Places along the bottom of the hollow (STATIONS, 2) and the concavity there."""
-    image = _image(surface.points, hollow)
-    return _drawn(image, _place(image, ends))
 
 
 def _plainness(strength: np.ndarray) -> float:
@@ -239,16 +236,21 @@ def _place(image: np.ndarray, ends: np.ndarray | None) -> np.ndarray:
         ratios = np.linspace(0.3, 0.75, 46)
         bows = np.array([[*ends[0, :2], span, ratio, angle] for ratio in ratios])
         return bows[_scores(image, bows, prior=0.3).argmax()]
+    scale = np.array([10.0, 10.0, 15.0, 0.05, 4.0])
+    starts = _starts(image) / scale
+    found = scale * minimised(lambda v: -_scores(image, v * scale), starts, xatol=0.01, fatol=1e-6, rounds=400)
+    return found[_scores(image, found).argmax()]
+
+
+def _starts(image: np.ndarray) -> np.ndarray:
+    """The REFINED best of many bows drawn from the usual ones, best first."""
     mean, spread = np.array([SPAN, RATIO, TURN, APEX_DOWN, APEX_OUT]).T
     span, ratio, turn, down, out = np.random.default_rng(0).normal(mean, 1.3 * spread, (STARTS, 5)).T
     angle = np.radians(turn)
     x = -np.cos(angle) * down * span + np.sin(angle) * out * span
     y = -np.sin(angle) * down * span - np.cos(angle) * out * span
     bows = np.stack([x, y, np.maximum(span, 80.0), np.maximum(ratio, 0.25), turn], axis=1)
-    best = bows[np.argsort(-_scores(image, bows), kind="stable")[:REFINED]]
-    scale = np.array([10.0, 10.0, 15.0, 0.05, 4.0])
-    found = scale * minimised(lambda v: -_scores(image, v * scale), best / scale, xatol=0.01, fatol=1e-6, rounds=400)
-    return found[_scores(image, found).argmax()]
+    return bows[np.argsort(-_scores(image, bows), kind="stable")[:REFINED]]
 
 
 def _bows(bows: np.ndarray, shape: np.ndarray = SHAPE) -> np.ndarray:

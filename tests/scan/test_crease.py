@@ -83,7 +83,7 @@ def test_the_wire_of_a_ball_on_a_chest():
 
 def test_how_plain_a_crease_is_needs_no_wire():
     surface = ball_on_a_chest()
-    assert plainness(surface) == trace(surface).hollow
+    assert plainness(surface) == pytest.approx(trace(surface).hollow, rel=0.1)
     flat = np.random.default_rng(1).uniform(-150, 150, (16_000, 2))
     assert plainness(surface_of(np.column_stack([flat, np.full(len(flat), -RADIUS)]), FRONT)) < 0.02
 
