@@ -14,6 +14,7 @@ from torch import Tensor
 from brafit.cup.condition import Gaps
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH
+from brafit.geometry.products import weighted_rows
 
 CORNER_WIDTH = 0.03
 """Rounding of the upper edge's corner, as a share of half the wire."""
@@ -52,8 +53,8 @@ def beside_corner(corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]) -> t
     """
     away = 0.5 * (x[1:] + x[:-1]) - corner[:, 1:]
     power = (away / CORNER_FREE) ** 4
-    share = power * (1 + power * power).rsqrt()
-    return share, -4 * away**3 / CORNER_FREE**4 * (1 + power * power).pow(-1.5)
+    root = (1 + power * power).rsqrt()
+    return power * root, -4 * away**3 / CORNER_FREE**4 * (root * root * root)
 
 
 def corner_gap(
@@ -76,24 +77,25 @@ def corner_gap(
     height, place = corner[:, :1], corner[:, 1:].clamp(-CORNER_REACH, CORNER_REACH)
     turn = torch.arccos(place)
     order = torch.arange(n, dtype=place.dtype, device=place.device)
-    cardinal = torch.cos(order * turn) @ analysis
-    slope = (order * torch.sin(order * turn) / torch.sin(turn)) @ analysis
+    series = analysis.expand(len(place), -1, -1)
+    cardinal = weighted_rows(torch.cos(order * turn), series)
+    slope = weighted_rows(order * torch.sin(order * turn) / torch.sin(turn), series)
     away = x - place
     r = (away * away + CORNER_WIDTH**2).sqrt()
     factor = torch.exp(height * (CORNER_WIDTH - r))
-    weight = torch.cat((cardinal * (1 - factor), cardinal * factor), dim=-1)[:, None]
+    weight = torch.cat((cardinal * (1 - factor), cardinal * factor), dim=-1)
     own = shape.edges[:, -2:].flatten(1, 2)
-    vectors = (weight @ own)[:, 0] - points
+    vectors = weighted_rows(weight, own) - points
     with torch.no_grad():
         rulings = shape.edges[:, -1] - shape.edges[:, -2]
-        by_height = (cardinal * factor * (CORNER_WIDTH - r))[:, None] @ rulings
+        by_height = weighted_rows(cardinal * factor * (CORNER_WIDTH - r), rulings)[:, None]
         along = slope * factor + cardinal * factor * height * away / r
-        by_place = slope[:, None] @ shape.edges[:, -2] + along[:, None] @ rulings
+        by_place = (weighted_rows(slope, shape.edges[:, -2]) + weighted_rows(along, rulings))[:, None]
         rows = torch.arange((last - 1) * n, (last + 1) * n, device=place.device)
     return Gaps(
         vectors=vectors[:, None],
         index=rows.expand(len(corner), 1, -1),
-        weight=weight,
+        weight=weight[:, None],
         sliding=torch.zeros_like(vectors[:, None]),
         own=torch.stack((by_height, by_place), dim=-1),
     )

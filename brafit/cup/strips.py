@@ -27,6 +27,7 @@ from brafit.geometry.developable import unit
 from brafit.geometry.fairness import Variation
 from brafit.geometry.grid import like
 from brafit.geometry.nearest import nearest_on_curve
+from brafit.geometry.products import bmm
 from brafit.geometry.strip import (
     Angle,
     Nodes,
@@ -494,7 +495,7 @@ def _series(
 ) -> tuple[Float[Tensor, "batch series n"], ...]:
     """Values of series and their derivatives, one for each basis."""
     every = torch.cat(bases, dim=-1)
-    return torch.bmm(coefficients, every.expand(len(coefficients), -1, -1)).chunk(len(bases), dim=-1)
+    return bmm(coefficients, every.expand(len(coefficients), -1, -1)).chunk(len(bases), dim=-1)
 
 
 def _add_vectors(

@@ -19,6 +19,7 @@ from brafit.fit.normal import Normal, normal_equations
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.result import ResultCode
 from brafit.fit.solver import Callback, Solution, Step
+from brafit.geometry.products import dots, solved_each
 
 _SHORTEST = 1e-2
 """A step is not shortened further than this."""
@@ -283,11 +284,7 @@ def _step(
     diagonal = here.matrix.diagonal(dim1=-2, dim2=-1)
     scale = torch.maximum(diagonal, 1e-6 * diagonal.amax(-1, keepdim=True)).clamp_min(1e-30)
     extra = damping[:, None] * scale
-    factor, failed = torch.linalg.cholesky_ex(here.matrix + torch.diag_embed(extra))
-    right = here.gradient[..., None]
-    move = torch.linalg.solve_triangular(factor, right, upper=False)
-    move = -torch.linalg.solve_triangular(factor.mT, move, upper=True)[..., 0]
-    usable = (failed == 0) & move.isfinite().all(-1)
-    move = torch.where(usable[:, None], move, torch.zeros_like(move))
-    fall = torch.where(usable, -(here.gradient * move).sum(-1), torch.inf)
-    return move, fall, fall - (extra * move * move).sum(-1)  # since H m = -g - extra m
+    solved, usable = solved_each(here.matrix + torch.diag_embed(extra), here.gradient)
+    move = torch.where(usable[:, None], -solved, torch.zeros_like(solved))
+    fall = torch.where(usable, -dots(here.gradient, move), torch.inf)
+    return move, fall, fall - dots(extra * move, move)  # since H m = -g - extra m

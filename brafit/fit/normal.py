@@ -19,6 +19,7 @@ from torch import Tensor
 from brafit.cup.base import Linearised
 from brafit.fit.objective import Block, Objective, Pressure
 from brafit.geometry.nearest import Feet, Sums, project
+from brafit.geometry.products import total, weighted_rows
 
 POINTS = 1 << 14
 """Points whose feet are held at a time, over all problems: what the processor's caches hold."""
@@ -222,11 +223,11 @@ def assembled(
             matrix.diagonal(dim1=-2, dim2=-1).add_(own * factor**2)
         else:
             jacobian = _jacobian(block, linear, objective)
-            gradient += _weighted(jacobian, slope * block.residual)
+            gradient += weighted_rows(slope * block.residual, jacobian)
             rows.append((jacobian.float(), slope.float()))
     if rows:
         matrix += gram(*(torch.cat(parts, dim=1) for parts in zip(*rows, strict=True)))
-    value = torch.stack(values).sum(0)
+    value = total(values)
     order = linear.columns.argsort()
     gradient, matrix = gradient[:, order], matrix[:, order][:, :, order]
     unasked = objective.unasked(linear.columns[order])
@@ -278,7 +279,3 @@ def _add_nested_grams(
             if low < high:
                 part = rows[low - start : high - start, :width]
                 own[:width, :width].addmm_(part.mT, part * slope[low - start : high - start, None])
-
-
-def _weighted(jacobian: Tensor, weights: Tensor) -> Float[Tensor, "batch size"]:
-    return torch.bmm(weights[:, None], jacobian)[:, 0]

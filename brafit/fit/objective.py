@@ -22,6 +22,7 @@ from brafit.fit.loss import Loss, beyond, fuzzy, point_loss, square
 from brafit.fit.targets import Targets
 from brafit.geometry.developable import dot
 from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
+from brafit.geometry.products import total
 
 Flat = Float[Tensor, "batch size"]
 GUIDING = 0.4
@@ -227,10 +228,10 @@ class Objective:
         if limit is None or not self.cup.exact or self.conditions.neckline == 0:
             return torch.ones_like(self.targets.scale)
         line = self.targets.neckline
-        there = gaps_to_line(shape, -1, line).vectors.norm(dim=-1) @ station_weights(shape.stations)
+        there = (gaps_to_line(shape, -1, line).vectors.norm(dim=-1) * station_weights(shape.stations)).sum(-1)
         back = gaps_to_points(shape, -1, line).vectors.norm(dim=-1).mean(-1)
         excess = 0.5 * (there + back) * self.targets.scale / limit
-        return torch.where(self.targets.has_neckline & (excess > 1), excess**_RESPONSE, 1.0)
+        return torch.where(self.targets.has_neckline & (excess > 1), (_RESPONSE * excess.log()).exp(), 1.0)
 
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:
         """Nearest points of the targets' clouds on the cups."""
@@ -303,7 +304,7 @@ class Objective:
             square: their mean squared distance.
         """
         terms = {"points": points} | {block.name: block.told().detach() for block in blocks}
-        value = torch.stack([*terms.values()]).sum(0)
+        value = total([*terms.values()])
         terms = {"objective": torch.full_like(value, torch.nan) if self.guiding else value, **terms}
         return terms if self.targets.points.shape[1] == 0 else terms | {"rms_mm": self.targets.scale * square.sqrt()}
 
@@ -373,7 +374,7 @@ class Objective:
     def value(self, flat: Flat, pressure: Pressure) -> Float[Tensor, " batch"]:
         """The value alone, for solvers that want no gradient."""
         shape = self.cup.sketch(flat)
-        return torch.stack([block.value() for block in self._all(flat, shape, pressure)]).sum(0)
+        return total([block.value() for block in self._all(flat, shape, pressure)])
 
     @torch.no_grad()
     def terms(self, flat: Flat, pressure: Pressure) -> dict[str, Float[Tensor, " batch"]]:
@@ -388,7 +389,7 @@ class Objective:
             shape = self.cup.sketch(flat)
             points, *others = self._all(flat, shape, pressure)
             values = [points.value(), *(block.value() for block in others)]
-            value = torch.stack(values).sum(0)
+            value = total(values)
             (gradient,) = torch.autograd.grad(value.sum(), flat)
         terms = self.told(others, values[0].detach(), self.mean_square(points.residual.detach()))
         return Evaluation(value.detach(), gradient, terms)

@@ -20,6 +20,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from brafit.geometry.developable import dot, unit
+from brafit.geometry.products import baddbmm, weighted_rows
 
 Points = Float[Tensor, "*batch points 3"]
 Edges = Float[Tensor, "*batch edges n 3"]
@@ -151,10 +152,10 @@ def sampled_distances(
     chunk = max(1, chunk_of(p) // max(1, len(p) * panels * n))
     for start in range(0, p.shape[1], chunk):
         q = p[:, start : start + chunk]
-        t = torch.baddbmm(-offset[:, None, :], q, d.mT)
+        t = baddbmm(-offset[:, None, :], q, d.mT)
         clamped = torch.minimum(t.clamp_min(0), length[:, None, :])
         # |q - x - t d|^2 without |q|^2, which does not depend on the ruling
-        squared = torch.baddbmm(square[:, None, :], q, lower.mT, alpha=-2).addcmul_(clamped, clamped.sub(t, alpha=2))
+        squared = baddbmm(square[:, None, :], q, lower.mT, alpha=-2).addcmul_(clamped, clamped.sub(t, alpha=2))
         found, index = squared.unflatten(-1, (panels, n)).min(-1)
         nearest[..., start : start + chunk] = index.movedim(-1, 0)
         least[..., start : start + chunk] = found.movedim(-1, 0)
@@ -445,7 +446,7 @@ def nearest_on_curve(
 ) -> tuple[Int[Tensor, "*batch points"], Float[Tensor, "*batch points"]]:
     """Interval and place in it, in [0, 1], of the nearest points of a cubic Hermite curve."""
     batch, n = points.shape[:-2], curve.shape[-2]
-    away = torch.baddbmm(
+    away = baddbmm(
         dot(curve, curve).reshape(-1, 1, n),
         points.reshape(-1, *points.shape[-2:]),
         curve.reshape(-1, n, 3).mT,
@@ -531,7 +532,8 @@ class Sums:
         problem = 3 * rows * torch.arange(math.prod(batch), device=force.device).view(*batch, 1, 1)
         pull = force.new_zeros(math.prod(batch) * 3 * rows)
         pull.scatter_add_(0, (self.index + problem).flatten(), (force[..., None] * self.weight).flatten())
-        return torch.bmm(pull.view(-1, 1, 3 * rows), table_jacobian.reshape(-1, 3 * rows, size)).view(*batch, size)
+        table = table_jacobian.reshape(-1, 3 * rows, size)
+        return weighted_rows(pull.view(-1, 3 * rows), table).view(*batch, size)
 
     def jacobian(self, table_jacobian: Float[Tensor, "*batch rows 3 size"]) -> Float[Tensor, "*batch points size"]:
         """Derivatives of the distances by the parameters, in the precision of the table's derivatives."""

@@ -37,6 +37,7 @@ from brafit.geometry.grid import (
     chebyshev_points,
     chebyshev_synthesis,
 )
+from brafit.geometry.products import bmm
 
 Values = Float[Tensor, "*batch n"]
 Vectors = Float[Tensor, "*batch n 3"]
@@ -74,7 +75,7 @@ class Nodes:
 def apply(matrix: Float[Tensor, "m n"], values: Float[Tensor, "*batch n k"]) -> Float[Tensor, "*batch m k"]:
     """matrix @ values for every batch item on its own."""
     items = values.reshape(-1, *values.shape[-2:])
-    return torch.bmm(matrix.expand(len(items), -1, -1), items).reshape(*values.shape[:-2], -1, values.shape[-1])
+    return bmm(matrix.expand(len(items), -1, -1), items).reshape(*values.shape[:-2], -1, values.shape[-1])
 
 
 def apply_row(matrix: Float[Tensor, "m n"], values: Values) -> Float[Tensor, "*batch m"]:

@@ -1,0 +1,68 @@
+"""Matrix products of which each item of the batch is the same, to the last bit, whatever else is in the batch.
+
+The libraries below take another way for a batch of one, and for rows of one, which rounds differently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+
+def bmm(a: Float[Tensor, "batch n m"], b: Float[Tensor, "batch m k"]) -> Float[Tensor, "batch n k"]:
+    """a @ b for every item."""
+    return torch.bmm(_two(a), _two(b))[: len(a)]
+
+
+def baddbmm(
+    c: Float[Tensor, "batch _ k"], a: Float[Tensor, "batch n m"], b: Float[Tensor, "batch m k"], alpha: float = 1.0
+) -> Float[Tensor, "batch n k"]:
+    """c + alpha a @ b for every item."""
+    return torch.baddbmm(_two(c), _two(a), _two(b), alpha=alpha)[: len(a)]
+
+
+def weighted_rows(weights: Float[Tensor, "batch m"], rows: Float[Tensor, "batch m k"]) -> Float[Tensor, "batch k"]:
+    """Sum of the rows times their weights, for every item."""
+    if rows.device.type != "cpu":
+        return torch.bmm(weights[:, None], rows)[:, 0]
+    return torch.stack([w @ r for w, r in zip(weights, rows, strict=True)])
+
+
+def total(values: Sequence[Tensor]) -> Tensor:
+    """Their sum, in their order."""
+    result = values[0]
+    for value in values[1:]:
+        result = result + value
+    return result
+
+
+def dots(a: Float[Tensor, "batch n"], b: Float[Tensor, "batch n"]) -> Float[Tensor, " batch"]:
+    """Scalar product of every item's two rows."""
+    return weighted_rows(a, b[..., None])[..., 0]
+
+
+def solved_each(
+    matrix: Float[Tensor, "batch n n"], right: Float[Tensor, "batch n"]
+) -> tuple[Float[Tensor, "batch n"], Bool[Tensor, " batch"]]:
+    """Solutions of symmetric positive equations, and which of them there are."""
+    if matrix.device.type == "cpu":
+        parts = [_solved(m[None], r[None]) for m, r in zip(matrix, right, strict=True)]
+        return torch.cat([solution for solution, _ in parts]), torch.cat([usable for _, usable in parts])
+    return _solved(matrix, right)
+
+
+def _solved(matrix: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
+    factor, failed = torch.linalg.cholesky_ex(matrix)
+    solution = torch.linalg.solve_triangular(factor, right[..., None], upper=False)
+    solution = torch.linalg.solve_triangular(factor.mT, solution, upper=True)[..., 0]
+    return solution, (failed == 0) & solution.isfinite().all(-1)
+
+
+def _two(values: Tensor) -> Tensor:
+    """At least two items."""
+    if len(values) != 1 or values.device.type != "cpu":
+        return values
+    return values.expand(2, *values.shape[1:])
