@@ -16,7 +16,13 @@ from jaxtyping import Float
 from numpy.polynomial import chebyshev
 from torch import Tensor, nn
 
-from brafit.geometry.grid import chebyshev_analysis, chebyshev_integral, chebyshev_points, chebyshev_synthesis
+from brafit.geometry.grid import (
+    chebyshev_analysis,
+    chebyshev_integral,
+    chebyshev_points,
+    chebyshev_polynomials,
+    chebyshev_synthesis,
+)
 from brafit.geometry.polyline import distinct
 from brafit.geometry.rotation import motion_exp
 from brafit.geometry.smoothing import chord_parameter, smooth_series
@@ -59,6 +65,8 @@ class Wire(nn.Module):
         x = (2 * s.detach().cpu().double().numpy() / LENGTH - 1).clip(-1, 1)
         matrix = torch.from_numpy(chebyshev_synthesis(self.coefficients.shape[1], x, derivative))
         matrix = matrix.to(self.coefficients) * (2 / LENGTH) ** derivative
+        if matrix.device.type != "cpu":
+            return matrix @ self.coefficients
         # one wire at a time, so that rounding does not depend on the batch
         return torch.stack([matrix @ c for c in self.coefficients])
 
@@ -144,16 +152,16 @@ def _by_arc_length(series: np.ndarray) -> tuple[np.ndarray, float]:
     """Positions at the Chebyshev points of the arc length, and the length, of a curve given as a Chebyshev series."""
     n = 200
     x = chebyshev_points(n)
-    speed = np.linalg.norm(chebyshev.chebval(x, chebyshev.chebder(series)).T, axis=1)
+    speed = np.linalg.norm(chebyshev_polynomials(len(series) - 1, x) @ chebyshev.chebder(series), axis=1)
     arc = chebyshev_integral(n) @ speed
     arc_series = chebyshev_analysis(n) @ arc
     target = (chebyshev_points(_TERMS) + 1) / 2 * arc[-1]
     place = np.interp(target, arc, x)
     for _ in range(4):
-        error = chebyshev.chebval(place, arc_series) - target
+        error = chebyshev_polynomials(n, place) @ arc_series - target
         place = (place - error / np.interp(place, x, speed)).clip(-1, 1)
     place[0], place[-1] = -1, 1
-    return chebyshev.chebval(place, series).T, float(arc[-1])
+    return chebyshev_polynomials(len(series), place) @ series, float(arc[-1])
 
 
 _DENSE = 4000

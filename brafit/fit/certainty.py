@@ -11,25 +11,32 @@ differences to be independent. Errors that a scanner makes over whole regions ar
 
 The covariance is handed on as alternatives: a few cups, each a standard deviation away along one direction of the
 covariance. For anything f that is measured on a cup, the variance is the sum over the alternatives of (f(alternative) -
-f(fit))^2.
+f(fit))^2. Alternatives on the stations of the output are made when they are asked for; `outline_spread` needs only the
+nodes of the fit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import overload
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Complex, Float
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from brafit.cup.base import Cup
+from brafit.cup.condition import station_weights
 from brafit.cup.shape import CupShape
-from brafit.fit.normal import normal_equations
+from brafit.cup.wire import Wire
+from brafit.fit.measure import flat_panels, in_millimetres
+from brafit.fit.normal import PointRows, Points, assembled, slices
 from brafit.fit.objective import Objective, Pressure
+from brafit.geometry.developable import dot
 from brafit.geometry.development import FlatPanel
-from brafit.geometry.nearest import distance_jacobian, project
 
 ALTERNATIVES = 24
 """Directions of the covariance that are kept: those that move the edges most."""
@@ -37,6 +44,10 @@ _NEIGHBOURS = 6
 """A point's pull is compared with the mean of so many around."""
 _APART = 100.0
 """How far panels are moved apart for that, in solver units."""
+_LEAF = 16
+"""Points in a leaf of the tree that finds them."""
+_TOGETHER = 400
+"""Cups whose outlines are measured at once."""
 
 
 @dataclass(frozen=True)
@@ -47,18 +58,75 @@ class Alternative:
     panels: list[FlatPanel]
 
 
+class Alternatives(Sequence[Alternative]):
+    """The alternatives of one fit, made when the first of them is asked for.
+
+    Args:
+        cup: makes the cup model from its wire.
+        wire: of the fit, one wire.
+        flat: the fit's parameters.
+        changes: from `deviations`.
+        stations: how many the fit's own shape has.
+    """
+
+    def __init__(
+        self,
+        cup: Callable[[Wire], Cup],
+        wire: Wire,
+        flat: Float[Tensor, " size"],
+        changes: Float[Tensor, "count size"],
+        stations: int,
+    ):
+        self._cup, self._wire, self._flat, self._changes, self._stations = cup, wire, flat, changes, stations
+
+    def __len__(self) -> int:
+        return len(self._changes)
+
+    @overload
+    def __getitem__(self, index: int) -> Alternative: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Alternative]: ...
+
+    def __getitem__(self, index: int | slice) -> Alternative | Sequence[Alternative]:
+        return self._made[index]
+
+    @cached_property
+    @torch.no_grad()
+    def _made(self) -> tuple[Alternative, ...]:
+        cup = self._cup(self._wire)
+        while len(cup.stations) < self._stations:
+            cup = cup.refined()
+        cups = cup.select(torch.zeros(len(self), dtype=torch.long))
+        shape = in_millimetres(cups.shape_of(self._flat + self._changes), self._wire.scale.item())
+        flat = flat_panels(shape)
+        return tuple(
+            Alternative(
+                shape.map(lambda v, i=i: v[i]),
+                [FlatPanel(*edges) for edges in zip(flat.lower[i], flat.upper[i], strict=True)],
+            )
+            for i in range(len(self))
+        )
+
+
 def _scatter(
     points: Float[Tensor, "n d"], values: Float[Tensor, "n k"], used: Bool[Tensor, " n"]
 ) -> Float[Tensor, "k k"]:
     """Covariance of a sum of values, from how each differs from the mean of its neighbours'; 0 for too few points."""
-    points, values = points[used], values[used]
+    if not bool(used.all()):
+        points, values = points[used], values[used]
     if len(points) <= _NEIGHBOURS:
         return values.new_zeros(values.shape[1], values.shape[1])
-    near = np.asarray(KDTree(points.cpu().numpy()).query(points.cpu().numpy(), k=_NEIGHBOURS + 1)[1])[:, 1:]
-    around = torch.zeros_like(values)
-    for column in torch.as_tensor(near, device=values.device).unbind(-1):  # all at once, they would fill the memory
-        around += values[column]
-    rest = values - around / _NEIGHBOURS
+    places = points.cpu().numpy()
+    near = np.asarray(KDTree(places, leafsize=_LEAF).query(places, k=_NEIGHBOURS + 1)[1])
+    factor = values.new_full((1, _NEIGHBOURS + 1), -1 / _NEIGHBOURS)
+    factor[0, 0] = 1
+    rest = torch.nn.functional.embedding_bag(
+        torch.as_tensor(near, device=values.device),
+        values,
+        mode="sum",
+        per_sample_weights=factor.expand(len(values), -1).contiguous(),
+    )
     return rest.mT @ rest / (1 + 1 / _NEIGHBOURS)
 
 
@@ -77,32 +145,92 @@ def deviations(
         the changes that move the edges most; not finite for a problem whose matrix is singular.
     """
     linear, targets = objective.cup.linearise(flat), objective.targets
-    shape = linear.shape
-    found = project(targets.points, shape.edges, shape.tangents, shape.stations)
-    jacobian = distance_jacobian(found.directions, found.feet, shape.stations, shape.edges.shape[1], linear.table)
-    slope = objective.points_block(found.distances).model()[1].expand_as(found.distances)
-    force = (slope * found.distances)[..., None] * jacobian
-    force = force.masked_fill(objective.unasked(linear.columns)[:, None], 0.0)
-    # neighbours on the same panel: from one to the next the derivatives leap
-    apart = torch.cat((targets.points, _APART * found.feet.panel[..., None].to(targets.points)), dim=-1)
-    noise = torch.stack([_scatter(p, f, w > 0) for p, f, w in zip(apart, force, targets.weights, strict=True)])
+    unasked, parts, noise = objective.unasked(linear.columns), [], []
+    for problems in slices(objective):
+        rows = PointRows.of(objective, linear, None, problems)
+        parts.append((rows.value, rows.gradient(), rows.matrix()))
+        for k, (order, used) in enumerate(zip(rows.order, targets.weights[problems] > 0, strict=True)):
+            one = slice(k, k + 1)
+            jacobian = rows.sums.part((one, slice(None))).jacobian(rows.table[one].float())[0]
+            pulls = jacobian.mul_((rows.slope[k] * rows.distances[k]).to(jacobian)[:, None])
+            pulls = pulls.masked_fill_(unasked[problems][k], 0.0)
+            # neighbours on the same panel: from one to the next the derivatives leap
+            apart = _APART * rows.feet.panel[k, :, None].to(targets.points)
+            places = torch.cat((targets.points[problems][k], apart), dim=-1)[order]
+            noise.append(_scatter(places, pulls, used[order]).to(flat))
+    points = Points(*(torch.cat(part) for part in zip(*parts, strict=True)), rows.feet)
+    hessian = assembled(objective, flat, pressure, linear, points).matrix
     order = linear.columns.argsort()
-    noise = noise[:, order][:, :, order]
-    positions = linear.table[:, : shape.edges[0, ..., 0].numel()].flatten(1, 2)[..., order]
-    hessian = normal_equations(objective, flat, pressure).matrix
+    positions = linear.table[:, : linear.shape.edges[0, ..., 0].numel()].flatten(1, 2)[..., order]
     changes = flat.new_full((len(flat), count, flat.shape[1]), torch.nan)
-    columns = linear.columns[order]
-    for k, (h, m, x) in enumerate(zip(hessian, noise, positions, strict=True)):
+    for k, (h, pulls) in enumerate(zip(hessian, noise, strict=True)):
         factor, failed = torch.linalg.cholesky_ex(h)
-        values, vectors = torch.linalg.eigh(m)
+        values, vectors = torch.linalg.eigh(pulls[order][:, order])
         root = torch.cholesky_solve(vectors * values.clamp_min(0).sqrt(), factor)
         if int(failed) or not bool(root.isfinite().all()):
             continue
-        turn = torch.linalg.eigh((x @ root).mT @ (x @ root)).eigenvectors.flip(-1)[:, :count]
-        own = root @ turn
+        moved = positions[k] @ root
+        turn = torch.linalg.eigh(moved.mT @ moved).eigenvectors.flip(-1)[:, :count]
+        directions = root @ turn
         changes[k] = 0.0
-        changes[k, : own.shape[1], columns] = own.mT
+        changes[k, : directions.shape[1], linear.columns[order]] = directions.mT
     return changes
+
+
+@torch.no_grad()
+def outline_spread(
+    cup: Cup, flat: Float[Tensor, "batch size"], changes: Float[Tensor, "batch count size"]
+) -> Float[Tensor, " batch"]:
+    """Standard deviation of the pieces' outlines where it is largest, solver units, at the nodes of the fit; not finite
+    where a change makes no cup.
+    """
+    batch, count, size = changes.shape
+    result = []
+    each = max(1, _TOGETHER // max(1, count))
+    for rows in torch.arange(batch).split(each):
+        shape = cup.select(rows).sketch(flat[rows])
+        changed = cup.select(rows.repeat_interleave(count)).sketch((flat[rows, None] + changes[rows]).view(-1, size))
+        own, others = _complex(flat_panels(shape)), _complex(flat_panels(changed)).unflatten(0, (len(rows), count))
+        spread = _across(own, others, _flat_tangents(shape, own), station_weights(shape.stations))
+        result.append(spread.flatten(1).amax(1))
+    return torch.cat(result)
+
+
+def _flat_tangents(
+    shape: CupShape, flat: Complex[Tensor, "*batch panels 2 n"]
+) -> Complex[Tensor, "*batch panels 2 n"]:
+    """Tangents of the edges of panels laid flat: they make the same angle with the rulings as in space. (Differences
+    between nodes are too coarse for the strap's corner.) 0 where a ruling has no length.
+    """
+    ruling = flat[..., 1, :] - flat[..., 0, :]
+    ruling = ruling / ruling.abs().clamp_min(1e-9)
+
+    def turned(tangents: Tensor) -> Tensor:
+        along = dot(tangents, shape.directions)
+        across = (dot(tangents, tangents) - along * along).clamp_min(0).sqrt()
+        return torch.complex(along, -across) * ruling
+
+    return torch.stack([turned(shape.tangents[..., k : k + shape.panels, :, :]) for k in (0, 1)], dim=-2)
+
+
+def _across(
+    own: Complex[Tensor, "*batch panels 2 n"],
+    others: Complex[Tensor, "*batch count panels 2 n"],
+    tangent: Complex[Tensor, "*batch panels 2 n"],
+    weights: Float[Tensor, " n"],
+) -> Float[Tensor, "*batch panels 2 n"]:
+    """Root of the sum of squares, over other pieces, of how far their edges are off a piece's own, across them. Each is
+    laid on it as a rigid motion fits best, in weighted mean.
+    """
+
+    def centred(edges: Tensor) -> Tensor:
+        return edges - (edges * weights).sum((-2, -1), keepdim=True) / 2
+
+    across = 1j * tangent / tangent.abs().clamp_min(1e-300)
+    own, others = centred(own)[..., None, :, :, :], centred(others)
+    turn = (weights * own * others.conj()).sum((-2, -1), keepdim=True)
+    moved = others * (turn / turn.abs().clamp_min(1e-300)) - own
+    return (moved * across.conj()[..., None, :, :, :]).real.square().sum(-4).sqrt()
 
 
 def outline_deviation(
@@ -111,25 +239,18 @@ def outline_deviation(
     """Standard deviation (mm) of the place of every piece's edges, across them, at the stations: for each panel of the
     lower and of the upper edge. Alternatives are laid on the fit's piece as a rigid motion fits best.
     """
-    result = []
-    for i, panel in enumerate(panels):
-        own = _complex(panel)
-        tangent = np.gradient(own, axis=1)
-        across = 1j * tangent / np.maximum(np.abs(tangent), 1e-300)
-        square = np.zeros(own.shape)
-        middle = own.mean()
-        for alternative in alternatives:
-            other = _complex(alternative.panels[i])
-            other = other - other.mean()
-            turn = np.sum((own - middle) * other.conj())
-            moved = other * (turn / abs(turn)) + middle - own
-            square += (moved * across.conj()).real ** 2
-        lower, upper = np.sqrt(square)
-        result.append((lower, upper))
-    return result
+    if not alternatives:
+        none = np.zeros(len(panels[0].lower))
+        return [(none, none)] * len(panels)
+    own, *others = (
+        _complex(FlatPanel(*(torch.stack([getattr(panel, name) for panel in pieces]) for name in ("lower", "upper"))))
+        for pieces in (panels, *(alternative.panels for alternative in alternatives))
+    )
+    even = own.real.new_full(own.shape[-1:], 1 / own.shape[-1])
+    (tangent,) = torch.gradient(own, dim=-1)
+    return [(lower, upper) for lower, upper in _across(own, torch.stack(others), tangent, even).numpy()]
 
 
-def _complex(panel: FlatPanel) -> np.ndarray:
-    """Both edges (2, n) as complex numbers."""
-    edges = torch.stack((panel.lower, panel.upper)).numpy()
-    return edges[..., 0] + 1j * edges[..., 1]
+def _complex(flat: FlatPanel) -> Complex[Tensor, "*batch panels 2 n"]:
+    """Both edges of panels as complex numbers."""
+    return torch.view_as_complex(torch.stack((flat.lower, flat.upper), dim=-3).contiguous())

@@ -17,8 +17,17 @@ from torch.nn.utils.rnn import pad_sequence
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
-from brafit.fit.certainty import Alternative, deviations, outline_deviation
-from brafit.fit.measure import figures_of, flat_panels, point_distances, tight_bends, upper_edge_gap, wire_places
+from brafit.fit.certainty import Alternative, Alternatives, deviations, outline_spread
+from brafit.fit.measure import (
+    Bend,
+    figures_of,
+    flat_panels,
+    in_millimetres,
+    point_distances,
+    tight_bends,
+    upper_edge_gap,
+    wire_places,
+)
 from brafit.fit.neckline import Neckline
 from brafit.fit.objective import Conditions, Objective, Pressure
 from brafit.fit.result import ResultCode
@@ -75,7 +84,7 @@ class CupFit:
     iterations: int
     seconds: float
     warnings: tuple[str, ...] = ()
-    alternatives: tuple[Alternative, ...] = ()
+    alternatives: Sequence[Alternative] = ()
 
 
 def fit_targets(
@@ -133,19 +142,40 @@ def _fit_together(
     flat = solution.flat[best].cpu().double()
     winners = model.select(best).on(wires)  # in double precision, whatever the fit computed with
     winners.load_flat(flat)
-    named, rows = winners.split(flat), [int(row) for row in best]
+    named, rows = winners.split(flat), best.tolist()
     changes = _deviations(
         winners, objective.targets.select(best).to(wires.scale), condition, solution.pressure.select(best)
     )
+    spread = outline_spread(winners, flat, changes) * wires.scale
     results = []
-    for k, (row, measured) in enumerate(zip(rows, _measured(winners, targets), strict=True)):
+    for k, (row, target, measured) in enumerate(zip(rows, targets, _measured(winners, targets), strict=True)):
         parameters = {name: value[k].tolist() for name, value in named.items()}
-        fit = _fit_of(targets[k], measured, solution.codes[row], parameters, int(solution.iterations[row]))
-        fit = replace(fit, alternatives=_alternatives(winners.select(torch.tensor([k])), fit, changes[k]))
-        line = targets[k].smooth_neckline(condition.neckline_wave)
-        fit = replace(fit, figures=fit.figures | _of_outlines(fit, line, targets[k].strap_point))
+        line = target.smooth_neckline(condition.neckline_wave)
+        bends = tight_bends(measured.shape, measured.panels, target.strap_point)
+        known = bool(spread[k].isfinite())
+        alternatives = Alternatives(
+            cup, wires.select(torch.tensor([k])), flat[k], changes[k], len(measured.shape.stations)
+        )
+        figures = {
+            "neckline_smoothing_mm": math.nan if line is None else line.smoothing,
+            "outline_sd_mm": spread[k].item() if known else math.nan,
+            "tightest_radius_mm": min(bend.radius for bend in bends),
+        }
+        fit = CupFit(
+            name=target.name,
+            code=solution.codes[row],
+            reason=solution.codes[row].value,
+            shape=measured.shape,
+            panels=measured.panels,
+            distances=measured.distances.numpy(),
+            figures=measured.figures | figures,
+            parameters=parameters,
+            iterations=int(solution.iterations[row]),
+            seconds=0.0,
+            alternatives=alternatives if known else (),
+        )
         told = solution.warnings[row] if solution.warnings else ()
-        results.append(_judged(fit, line, targets[k].strap_point, winners, condition, told))
+        results.append(_judged(fit, line, bends, winners.exact, condition, told))
     return results
 
 
@@ -158,38 +188,6 @@ def _deviations(
         return flat.new_zeros(len(flat), 0, flat.shape[1])
     factors = (f.to(flat) if isinstance(f, Tensor) else f for f in (pressure.barrier, pressure.neckline))
     return deviations(Objective(winners, targets, condition), flat, Pressure(pressure.penalty, {}, *factors))
-
-
-@torch.no_grad()
-def _alternatives(winner: Cup, fit: CupFit, changes: Float[Tensor, "count size"]) -> tuple[Alternative, ...]:
-    """The fit's cup with each of the changes, on the fit's own stations; none where a change is no cup."""
-    count = len(changes)
-    if not count or not bool(changes.isfinite().all()):
-        return ()
-    while len(winner.stations) < len(fit.shape.stations):
-        winner = winner.refined()
-    cups = winner.select(torch.zeros(count, dtype=torch.long))
-    shape = in_millimetres(cups.shape_of(cups.flatten() + changes), winner.wire.scale.item())
-    if not bool(shape.edges.isfinite().all()):
-        return ()
-    flat = flat_panels(shape)
-    return tuple(
-        Alternative(
-            shape.map(partial(torch.select, dim=0, index=i)),
-            [FlatPanel(*edges) for edges in zip(flat.lower[i], flat.upper[i], strict=True)],
-        )
-        for i in range(count)
-    )
-
-
-def _of_outlines(fit: CupFit, line: Neckline | None, strap_point: np.ndarray | None) -> dict[str, float]:
-    """What is said of the outlines and their neckline."""
-    spread = [float(edge.max()) for pair in outline_deviation(fit.panels, fit.alternatives) for edge in pair]
-    return {
-        "neckline_smoothing_mm": math.nan if line is None else line.smoothing,
-        "outline_sd_mm": max(spread) if fit.alternatives else math.nan,
-        "tightest_radius_mm": min(bend.radius for bend in tight_bends(fit.shape, fit.panels, strap_point)),
-    }
 
 
 def starting_problems(
@@ -235,8 +233,8 @@ def _best(objective: Objective, solution: Solution) -> Int[Tensor, " scans"]:
 def _judged(
     fit: CupFit,
     line: Neckline | None,
-    strap_point: np.ndarray | None,
-    cup: Cup,
+    bends: Sequence[Bend],
+    exact: bool,
     condition: Conditions,
     told: Sequence[str],
 ) -> CupFit:
@@ -253,21 +251,21 @@ def _judged(
     if fit.figures["outline_sd_mm"] > UNCERTAIN:
         sd = fit.figures["outline_sd_mm"]
         warnings.append(f"another scan of this breast would move the outlines by {sd:.1f} mm (standard deviation)")
-    if cup.exact:
-        warnings += [str(b) for b in tight_bends(fit.shape, fit.panels, strap_point) if b.radius < TIGHT]
+    if exact:
+        warnings += [str(bend) for bend in bends if bend.radius < TIGHT]
     limit = condition.neckline_limit
     off = 0.0 if line is None else upper_edge_gap(fit.shape.edges[-1], torch.as_tensor(np.concatenate(line.sides)))
-    if cup.exact and limit is not None and off > 1.1 * limit:
+    if exact and limit is not None and off > 1.1 * limit:
         cause = (
             f"the upper edge is {off:.2f} mm off the smoothed neckline (mean), condition.neckline_limit is {limit:g}"
         )
         warnings.append(f"{cause}; a larger condition.neckline or a smaller condition.fairness brings it nearer")
-    if cup.exact and not twist <= TWIST_LIMIT:
+    if exact and not twist <= TWIST_LIMIT:
         faults.append(f"a ruling's normals differ by {twist:.3g} degrees, more than {TWIST_LIMIT:g}")
     torn = not fit.figures["isometry_mm"] <= ISOMETRY_LIMIT
     if torn:
         faults.append(f"lengths in the cup and in its patterns differ by {fit.figures['isometry_mm']:.3g} mm")
-    if (cup.exact or torn) and faults and fit.code is not ResultCode.DIVERGED:
+    if (exact or torn) and faults and fit.code is not ResultCode.DIVERGED:
         code = ResultCode.UNRESOLVED
         reason = f"{code.value}: {'; '.join(faults)}. {REMEDY}"
         return replace(fit, code=code, reason=reason, warnings=(*warnings, *faults))
@@ -279,7 +277,7 @@ class _Measured:
     """One cup: shape in mm, flat panels, distances and figures."""
 
     shape: CupShape
-    flat: FlatPanel
+    panels: list[FlatPanel]
     distances: Tensor
     figures: dict[str, float]
 
@@ -287,9 +285,11 @@ class _Measured:
 @torch.no_grad()
 def _measured(cup: Cup, targets: Sequence[Target], refinements: int = REFINEMENTS) -> list[_Measured]:
     """The cups of a batch; those whose panels are to be exact and are not yet, on finer grids."""
-    wire, units = cup.wire, cup.shape_of(cup.flatten())
+    wire, flat = cup.wire, cup.flatten()
+    units = cup.shape_of(flat)
     points = [torch.as_tensor(t.points, dtype=torch.float64) / s for t, s in zip(targets, wire.scale, strict=True)]
-    distances = point_distances(pad_sequence(points, batch_first=True), units) * wire.scale[:, None]
+    distances = point_distances(pad_sequence(points, batch_first=True), units, cup.sketch(flat))
+    distances = distances * wire.scale[:, None]
     smooth = wire.sample(wire_places(units.stations))
     results = []
     for k, target in enumerate(targets):
@@ -298,44 +298,11 @@ def _measured(cup: Cup, targets: Sequence[Target], refinements: int = REFINEMENT
         flat, own = flat_panels(shape), distances[k, : len(target.points)]
         neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
         figures = figures_of(shape, flat, own, neckline, smooth[k] * scale, wire.smoothing[k].item())
-        results.append(_Measured(shape, flat, own, figures))
+        panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
+        results.append(_Measured(shape, panels, own, figures))
     twisted = [k for k, one in enumerate(results) if not one.figures["twist_deg_max"] <= TWIST_LIMIT]
     if cup.exact and twisted and refinements:
         finer = cup.select(torch.tensor(twisted)).refined()
         for k, one in zip(twisted, _measured(finer, [targets[k] for k in twisted], refinements - 1), strict=True):
             results[k] = one
     return results
-
-
-def _fit_of(
-    target: Target,
-    measured: _Measured,
-    code: ResultCode,
-    parameters: dict[str, list],
-    iterations: int,
-) -> CupFit:
-    lower, upper = measured.flat.lower, measured.flat.upper
-    return CupFit(
-        name=target.name,
-        code=code,
-        reason=code.value,
-        shape=measured.shape,
-        panels=[FlatPanel(*edges) for edges in zip(lower, upper, strict=True)],
-        distances=measured.distances.numpy(),
-        figures=measured.figures,
-        parameters=parameters,
-        iterations=iterations,
-        seconds=0.0,
-    )
-
-
-def in_millimetres(shape: CupShape, scale: float) -> CupShape:
-    """A shape in solver units, in millimetres. Tangents are by the wire's arc length and keep their size."""
-    return CupShape(
-        stations=shape.stations.cpu().double() * scale,
-        edges=shape.edges * scale,
-        tangents=shape.tangents,
-        directions=shape.directions,
-        normals=shape.normals,
-        geodesic=shape.geodesic / scale,
-    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -30,9 +30,28 @@ def flat_panels(shape: CupShape) -> FlatPanel:
     return develop(shape.stations, lower.norm(dim=-1), shape.geodesic, rib, shape.lengths)
 
 
-def point_distances(points: Float[Tensor, "*batch n 3"], shape: CupShape) -> Float[Tensor, "*batch n"]:
-    """Signed distances of points to cups, positive outside."""
-    return project(points, shape.edges, shape.tangents, shape.stations, iterations=8).distances
+def in_millimetres(shape: CupShape, scale: float) -> CupShape:
+    """A shape in solver units, in millimetres, on the CPU in double precision. Tangents are by the wire's arc length
+    and keep their size.
+    """
+    own = shape.map(lambda value: value.cpu().double())
+    return replace(
+        own, stations=shape.stations.cpu().double() * scale, edges=own.edges * scale, geodesic=own.geodesic / scale
+    )
+
+
+def point_distances(
+    points: Float[Tensor, "*batch n 3"], shape: CupShape, coarse: CupShape | None = None
+) -> Float[Tensor, "*batch n"]:
+    """Signed distances of points to cups, positive outside.
+
+    `coarse`: the same cups on fewer stations, where the nearest rulings are sought first.
+    """
+    feet = None
+    if coarse is not None and len(coarse.stations) < len(shape.stations):
+        found = project(points, coarse.edges, coarse.tangents, coarse.stations, iterations=2).feet
+        feet = found.on(coarse.stations, shape.stations)
+    return project(points, shape.edges, shape.tangents, shape.stations, 8 if feet is None else 3, feet).distances
 
 
 def figures_of(

@@ -2,6 +2,9 @@
 
 Rows of the Jacobian come from the cup's linearisation: the envelope theorem holds the feet fixed, so each row is a
 sum of a few rows of the samples' derivatives. Automatic differentiation never runs through a search.
+
+Precision is mixed. Value and gradient, which say where the optimum is, have the problems' own precision; the matrix,
+which only says how to get there, is computed from rows in single precision, several times faster.
 """
 
 from __future__ import annotations
@@ -15,10 +18,14 @@ from torch import Tensor
 
 from brafit.cup.base import Linearised
 from brafit.fit.objective import Block, Objective, Pressure
-from brafit.geometry.nearest import Feet, distance_jacobian, project
+from brafit.geometry.nearest import Feet, Sums, project
 
-ROWS = 1 << 22
-"""Numbers of the points' Jacobian held at a time, over the whole batch."""
+POINTS = 1 << 14
+"""Points whose feet are held at a time, and"""
+ROWS = 1 << 18
+"""numbers of their Jacobian, both fitting the processor's caches."""
+DEVICE = 1 << 10
+"""Other devices hold so many times more: their time goes by calls."""
 _ITERATIONS = 3
 """Newton steps of the feet beside the nearest sampled ruling: the next step of the solver finds them anew."""
 
@@ -76,7 +83,113 @@ def normal_equations(
     `near`: feet at a place nearby, to be followed instead of a search.
     """
     linear = objective.cup.linearise(flat, terms)
-    values, feet, gradient, matrix = _points(objective, linear, near)
+    parts = []
+    for problems in slices(objective):
+        rows = PointRows.of(objective, linear, near, problems)
+        parts.append((rows.value, rows.gradient(), rows.matrix(), *(getattr(rows.feet, f.name) for f in fields(Feet))))
+    value, gradient, matrix, *feet = (torch.cat(part) for part in zip(*parts, strict=True))
+    return assembled(objective, flat, pressure, linear, Points(value, gradient, matrix, Feet(*feet)))
+
+
+@dataclass(frozen=True)
+class Points:
+    """What the points add to the quadratic model of B objectives, and their feet. Columns come as in `Linearised`."""
+
+    value: Float[Tensor, " batch"]
+    gradient: Float[Tensor, "batch columns"]
+    matrix: Float[Tensor, "batch columns columns"]
+    feet: Feet
+
+
+def slices(objective: Objective) -> list[slice]:
+    """The problems, so many at a time that the processor's caches hold what is computed of their points."""
+    batch, count = objective.targets.points.shape[:2]
+    each = max(1, _held(objective.targets.points, POINTS) // max(1, count))
+    return [slice(first, min(first + each, batch)) for first in range(0, batch, each)]
+
+
+def _held(like: Tensor, on_processor: int) -> int:
+    return on_processor if like.device.type == "cpu" else on_processor * DEVICE
+
+
+@dataclass(frozen=True)
+class PointRows:
+    """The points of some problems, panel by panel: points on the lower panels do not depend on what shapes the upper
+    ones.
+
+    Attributes:
+        value: the points' part of the objectives.
+        feet: in the points' own order.
+        order: of the points, by panels.
+        counts: how many are on each panel.
+        slope, distances, sums: in that order: Gauss-Newton weights, signed distances and what these are sums of.
+        table: derivatives of the samples that they are sums of.
+        reach: as in `Linearised`.
+    """
+
+    value: Float[Tensor, " some"]
+    feet: Feet
+    order: Int[Tensor, "some points"]
+    counts: Int[Tensor, "some panels"]
+    slope: Float[Tensor, "some points"]
+    distances: Float[Tensor, "some points"]
+    sums: Sums
+    table: Float[Tensor, "some rows 3 columns"]
+    reach: tuple[int, ...]
+
+    @staticmethod
+    def of(objective: Objective, linear: Linearised, near: Feet | None, problems: slice) -> "PointRows":
+        """At cups and their derivatives; `near` as in `normal_equations`."""
+        shape, points = linear.shape, objective.targets.points[problems]
+        edges, tangents = shape.edges[problems], shape.tangents[problems]
+        near = None if near is None else Feet(*(getattr(near, f.name)[problems] for f in fields(Feet)))
+        iterations = _ITERATIONS if near is None else _FOLLOWING
+        projection = project(points, edges, tangents, shape.stations, iterations, near)
+        feet, distances = projection.feet, projection.distances
+        value, slope = objective.points_block(distances, problems).model()
+        order = feet.panel.argsort(dim=1, stable=True)
+        own = Feet(*(getattr(feet, f.name).gather(1, order) for f in fields(Feet)))
+        directions = projection.directions.gather(1, order[..., None].expand_as(projection.directions))
+        slope, distances = (v.gather(1, order) for v in (slope.expand_as(distances), distances))
+        counts = torch.stack([(feet.panel == i).sum(1) for i in range(len(linear.reach))], dim=1)
+        sums = Sums.of(directions, own, shape.stations, edges.shape[1])
+        return PointRows(value, feet, order, counts, slope, distances, sums, linear.table[problems], linear.reach)
+
+    def gradient(self) -> Float[Tensor, "some columns"]:
+        """Of the points' value."""
+        return self.sums.gradient(self.slope * self.distances, self.table)
+
+    def matrix(self) -> Float[Tensor, "some columns columns"]:
+        """Gauss-Newton matrix of the points' value, some problems, or some points of one, at a time."""
+        (batch, count), size = self.slope.shape, self.table.shape[-1]
+        held = _held(self.table, ROWS)
+        table, slope = self.table.float(), self.slope.float()
+        matrix = table.new_zeros(batch, size, size)
+        some, each = max(1, held // max(1, count * size)), max(1, held // size)
+        counts = self.counts.tolist() if matrix.device.type == "cpu" else None
+        for first in range(0, batch, some):
+            problems = slice(first, first + some)
+            for start in range(0, count, each):
+                part = problems, slice(start, start + each)
+                jacobian = self.sums.part(part).jacobian(table[problems])
+                if counts is None:
+                    matrix[problems] += gram(jacobian, slope[part])
+                else:
+                    _add_nested_grams(matrix[problems], jacobian, slope[part], counts[problems], start, self.reach)
+        return matrix.to(self.table)
+
+
+@torch.no_grad()
+def assembled(
+    objective: Objective,
+    flat: Float[Tensor, "batch size"],
+    pressure: Pressure,
+    linear: Linearised,
+    points: Points,
+) -> Normal:
+    """The objective's quadratic model from the cups' linearisation and the points' part."""
+    values = {"points": points.value}
+    gradient, matrix = points.gradient, points.matrix
     blocks = objective.blocks(flat, linear.shape, pressure, linear.margin, linear.unfairness)
     rows = []
     for block in blocks:
@@ -90,42 +203,14 @@ def normal_equations(
     if rows:
         jacobian, slope, residual = (torch.cat(parts, dim=1) for parts in zip(*rows, strict=True))
         gradient += _weighted(jacobian, slope * residual)
-        matrix += gram(jacobian, slope)
+        matrix += gram(jacobian.float(), slope.float())
     value = torch.stack(list(values.values())).sum(0)
     order = linear.columns.argsort()
     gradient, matrix = gradient[:, order], matrix[:, order][:, :, order]
     unasked = objective.unasked(linear.columns[order])
     gradient = gradient.masked_fill(unasked, 0.0)
     matrix = matrix.masked_fill(unasked[:, None] | unasked[..., None], 0.0) + torch.diag_embed(unasked.to(matrix))
-    return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), values, feet)
-
-
-def _points(
-    objective: Objective, linear: Linearised, near: Feet | None
-) -> tuple[dict[str, Tensor], Feet, Tensor, Tensor]:
-    """The points' value by its name, their feet, the gradient and the matrix, some points at a time."""
-    shape, points = linear.shape, objective.targets.points
-    stations, edges = shape.stations, shape.edges
-    batch, count = points.shape[:2]
-    projection = project(points, edges, shape.tangents, stations, _ITERATIONS if near is None else _FOLLOWING, near)
-    feet, directions, distances = projection.feet, projection.directions, projection.distances
-    block = objective.points_block(distances)
-    value, slope = block.model()
-    size = len(linear.columns)
-    # Panel by panel: points on the lower ones do not depend on what shapes the upper ones.
-    order = feet.panel.argsort(dim=1, stable=True)
-    sorted_feet = Feet(*(getattr(feet, f.name).gather(1, order) for f in fields(Feet)))
-    directions = directions.gather(1, order[..., None].expand_as(directions))
-    slope, distances = (v.gather(1, order) for v in (slope.expand_as(distances), distances))
-    gradient, matrix = points.new_zeros(batch, size), points.new_zeros(batch, size, size)
-    chunk = max(1, ROWS // max(1, batch * size))
-    for first in range(0, count, chunk):
-        part = slice(first, first + chunk)
-        own = Feet(*(getattr(sorted_feet, f.name)[:, part] for f in fields(Feet)))
-        jacobian = distance_jacobian(directions[:, part], own, stations, edges.shape[1], linear.table)
-        gradient += _weighted(jacobian, (slope * distances)[:, part])
-        matrix += _nested_gram(jacobian, slope[:, part], own.panel, linear.reach)
-    return {block.name: value}, feet, gradient, matrix
+    return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), values, points.feet)
 
 
 def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[Tensor, "batch m columns"]:
@@ -150,24 +235,26 @@ def gram(
     return torch.stack([j.mT @ (j * w[:, None]) for j, w in zip(jacobian, weights, strict=True)])
 
 
-def _nested_gram(
+def _add_nested_grams(
+    matrix: Float[Tensor, "batch size size"],
     jacobian: Float[Tensor, "batch m size"],
     weights: Float[Tensor, "batch m"],
-    panel: Int[Tensor, "batch m"],
+    counts: Sequence[Sequence[int]],
+    start: int,
     reach: Sequence[int],
-) -> Float[Tensor, "batch size size"]:
-    """`gram` of rows that come panel by panel and are zero beyond their panel's reach."""
-    if jacobian.device.type != "cpu":
-        return gram(jacobian, weights)
-    counts = torch.stack([(panel == i).sum(1) for i in range(len(reach))], dim=1).tolist()
-    matrix = jacobian.new_zeros(*jacobian.shape[::2], jacobian.shape[2])
+) -> None:
+    """Add `gram` of rows that come panel by panel, so many in all, the first of these after `start` others, and are
+    zero beyond their panel's reach.
+    """
+    end = start + jacobian.shape[1]
     for own, rows, slope, numbers in zip(matrix, jacobian, weights, counts, strict=True):
         first = 0
         for count, width in zip(numbers, reach, strict=True):
-            part = rows[first : first + count, :width]
-            own[:width, :width].addmm_(part.mT, part * slope[first : first + count, None])
+            low, high = max(first, start), min(first + count, end)
             first += count
-    return matrix
+            if low < high:
+                part = rows[low - start : high - start, :width]
+                own[:width, :width].addmm_(part.mT, part * slope[low - start : high - start, None])
 
 
 def _weighted(jacobian: Tensor, weights: Tensor) -> Float[Tensor, "batch size"]:

@@ -241,11 +241,11 @@ class Objective:
         asked = self.targets.has_connection & (self.conditions.connection > 0)
         return ~asked[:, None] & (columns == self.cup.corner_place)
 
-    def points_block(self, distances: Float[Tensor, "batch points"]) -> Block:
-        """The error between cloud and cup, (31)."""
+    def points_block(self, distances: Float[Tensor, "some points"], problems: slice = slice(None)) -> Block:
+        """The error between cloud and cup, (31), of all problems or some."""
         c = self.conditions
-        width = c.points_width / self.targets.scale[:, None]
-        return Block("points", distances, self.targets.weights, point_loss(c.points, width))
+        width = c.points_width / self.targets.scale[problems, None]
+        return Block("points", distances, self.targets.weights[problems], point_loss(c.points, width))
 
     def blocks(
         self,

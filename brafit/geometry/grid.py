@@ -32,6 +32,11 @@ def chebyshev_analysis(n: int) -> np.ndarray:
     return np.linalg.inv(chebyshev.chebvander(chebyshev_points(n), n - 1))
 
 
+def chebyshev_polynomials(terms: int, x: np.ndarray) -> np.ndarray:
+    """(len(x), terms): the Chebyshev polynomials at x in [-1, 1]."""
+    return np.cos(np.arccos(x)[:, None] * np.arange(terms))
+
+
 def chebyshev_synthesis(terms: int, x: np.ndarray, derivative: int = 0) -> np.ndarray:
     """(len(x), terms): Chebyshev coefficients -> values (or derivatives by x) at x in [-1, 1]."""
     basis = np.eye(terms)

@@ -50,6 +50,13 @@ class Feet:
         start = stations[self.interval]
         return start + self.tau * (stations[self.interval + 1] - start)
 
+    def on(self, stations: Float[Tensor, " n"], others: Float[Tensor, " m"]) -> "Feet":
+        """The same feet on panels that are sampled at other stations."""
+        arc = self.arc(stations)
+        interval = (torch.searchsorted(others, arc, right=True) - 1).clamp(0, len(others) - 2)
+        start = others[interval]
+        return Feet(self.panel, interval, ((arc - start) / (others[interval + 1] - start)).clamp(0, 1), self.u)
+
 
 def hermite(tau: Tensor, h: Tensor) -> Tensor:
     """Weights of (x_k, x_k+1, x'_k, x'_k+1) in the cubic Hermite interpolant."""
@@ -472,30 +479,49 @@ def signed_distance(
     return dot(points - surface_points(edges, tangents, stations, feet), direction)
 
 
-def distance_jacobian(
-    directions: Points,
-    feet: Feet,
-    stations: Float[Tensor, " n"],
-    edge_count: int,
-    table_jacobian: Float[Tensor, "*batch rows 3 size"],
-) -> Float[Tensor, "*batch points size"]:
-    """Derivatives of the signed distances by the parameters: -m . dX(s*, u*) / da.
+@dataclass(frozen=True)
+class Sums:
+    """Signed distances m . (p - X*) as sums over coordinates of samples, the feet held: what depends on the cup is the
+    sum over k of weight[k] * coordinate[index[k]], from `sample_table` with its last two dimensions as one.
 
-    Args:
-        directions: from `foot_directions`.
-        table_jacobian: derivatives of `sample_table` by the parameters.
-
-    One fused pass: each row is a weighted sum of 24 rows of the table's derivative.
+    Attributes:
+        index, weight: of each point's 24 coordinates.
     """
-    index, weight = stencil(feet, stations, edge_count)
-    *batch, rows, _, size = table_jacobian.shape
-    count = index.shape[-2]
-    # 32 bits are enough for the rows of any table that fits into memory, and half the traffic.
-    problem = torch.arange(math.prod(batch), device=index.device, dtype=torch.int32).view(*batch, 1, 1) * rows
-    components = torch.arange(3, device=index.device, dtype=torch.int32)
-    index = ((index.int() + problem)[..., None] * 3 + components).reshape(-1, 24)
-    weight = (weight[..., None] * -directions[..., None, :]).reshape(-1, 24)
-    bags = torch.nn.functional.embedding_bag(
-        index, table_jacobian.reshape(-1, size), mode="sum", per_sample_weights=weight
-    )
-    return bags.view(*batch, count, size)
+
+    index: Int[Tensor, "*batch points 24"]
+    weight: Float[Tensor, "*batch points 24"]
+
+    @staticmethod
+    def of(directions: Points, feet: Feet, stations: Float[Tensor, " n"], edge_count: int) -> "Sums":
+        """`directions`: unit vectors m from `project` or `foot_directions`."""
+        index, weight = stencil(feet, stations, edge_count)
+        components = torch.arange(3, device=index.device, dtype=torch.int32)
+        # 32 bits are enough for the rows of any table that fits into memory, and half the traffic.
+        index = (index.int() * 3)[..., None] + components
+        return Sums(index.flatten(-2), (weight[..., None] * -directions[..., None, :]).flatten(-2))
+
+    def part(self, which: tuple[slice, slice]) -> "Sums":
+        """Those of some problems and points."""
+        return Sums(self.index[which], self.weight[which])
+
+    def gradient(
+        self, force: Float[Tensor, "*batch points"], table_jacobian: Float[Tensor, "*batch rows 3 size"]
+    ) -> Float[Tensor, "*batch size"]:
+        """Gradient of the sum of force * distance by the parameters, without a row for each point."""
+        *batch, rows, _, size = table_jacobian.shape
+        problem = 3 * rows * torch.arange(math.prod(batch), device=force.device).view(*batch, 1, 1)
+        pull = force.new_zeros(math.prod(batch) * 3 * rows)
+        pull.scatter_add_(0, (self.index + problem).flatten(), (force[..., None] * self.weight).flatten())
+        return torch.bmm(pull.view(-1, 1, 3 * rows), table_jacobian.reshape(-1, 3 * rows, size)).view(*batch, size)
+
+    def jacobian(self, table_jacobian: Float[Tensor, "*batch rows 3 size"]) -> Float[Tensor, "*batch points size"]:
+        """Derivatives of the distances by the parameters, in the precision of the table's derivatives."""
+        *batch, rows, _, size = table_jacobian.shape
+        problem = 3 * rows * torch.arange(math.prod(batch), device=self.index.device, dtype=torch.int32)
+        bags = torch.nn.functional.embedding_bag(
+            (self.index + problem.view(*batch, 1, 1)).reshape(-1, 24),
+            table_jacobian.reshape(-1, size),
+            mode="sum",
+            per_sample_weights=self.weight.to(table_jacobian).reshape(-1, 24),
+        )
+        return bags.view(*batch, -1, size)
