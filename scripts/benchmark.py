@@ -3,6 +3,7 @@
     python scripts/benchmark.py FOLDER_OF_BREASTS            all parts but the slow ones
     python scripts/benchmark.py FOLDER --slow                with 100 starts and the paper's solver
     python scripts/benchmark.py FOLDER --only breasts,speed  some parts
+    python scripts/benchmark.py FOLDER --gpu                 throughput on a GPU and where its time goes, nothing else
 
 Times are CPU times of this process, so that a busy machine does not spoil ratios; the throughput is wall time as well.
 """
@@ -13,8 +14,9 @@ import argparse
 import math
 import resource
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any
 
@@ -29,8 +31,8 @@ from brafit.config import register
 from brafit.cup import CupShape, FramesCup, StripsCup, Wire
 from brafit.fit import LM, Conditions, LMStage, NelderMead, Target, fit_targets
 from brafit.fit.lm import minimise, staged
-from brafit.fit.loop import in_millimetres, starting_problems
-from brafit.fit.measure import flat_panels, upper_edge_gap
+from brafit.fit.loop import certainty, measured_cups, starting_problems, winners
+from brafit.fit.measure import flat_panels, in_millimetres, upper_edge_gap
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.shards import prepare
 from brafit.fit.targets import Targets
@@ -40,6 +42,10 @@ from brafit.scan.synthetic import on_panels, quarter_sphere
 POINTS = 2000
 RESTARTS = 3
 """Starts of a scan, where starts are compared; elsewhere as shipped, one."""
+BATCHES = (16, 256, 4096)
+"""Scans of the batches on a GPU."""
+SMALL = 2
+"""Scans where there is none."""
 WIRE = 200.0
 """Length of the synthetic wires, mm."""
 
@@ -99,7 +105,7 @@ def report_steps(targets: list[Target]) -> None:
         counts = []
         for stage in solver.stages:
             part, place = staged(objective, place, stage)
-            ending = minimise(part, place, Pressure(1.0), stage, lambda index, terms: None)
+            ending = minimise(part, place, Pressure(1.0), stage, lambda *_: None)
             place = ending.place
             near = (ending.history <= 1.01 * ending.history[-1]).double().argmax(0) + 1
             counts.append(int(near.median()))
@@ -116,9 +122,9 @@ def report_starts(targets: list[Target]) -> None:
         objective = starting_problems(targets, wires, cup, shipped()[1], RESTARTS)
         arcs = objective.cup.flatten().detach()
         part, place = staged(objective, arcs, guiding)
-        sections = minimise(part, place, Pressure(1.0), guiding, lambda index, terms: None).place
+        sections = minimise(part, place, Pressure(1.0), guiding, lambda *_: None).place
         part = staged(objective, arcs, first)[0]
-        endings = [minimise(part, p, Pressure(1.0), first, lambda index, terms: None) for p in (arcs, sections)]
+        endings = [minimise(part, p, Pressure(1.0), first, lambda *_: None) for p in (arcs, sections)]
         best = torch.stack([e.value.view(-1, RESTARTS).amin(1) for e in endings]).amin(0).repeat_interleave(RESTARTS)
         for name, ending in zip(("arcs", "sections"), endings, strict=True):
             history = ending.history / best
@@ -305,7 +311,7 @@ def report_scipy(targets: list[Target]) -> None:
     objective = problems(targets, 2)
     place = objective.cup.flatten().detach()
     begun = time.process_time()
-    ending = minimise(objective, place, Pressure(1.0), LMStage(steps=60, tolerance=1e-4), lambda index, terms: None)
+    ending = minimise(objective, place, Pressure(1.0), LMStage(steps=60, tolerance=1e-4), lambda *_: None)
     ours = (time.process_time() - begun) / len(targets)
     one = torch.tensor([0])
     begun = time.process_time()
@@ -347,6 +353,80 @@ def objective_mean(objective: Objective, flat: Tensor) -> float:
     return objective.distances(shape, objective.feet(shape)).abs().mean().item()
 
 
+@dataclass
+class Clock:
+    """Seconds of each part of a batch of fits, by its name."""
+
+    device: torch.device
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Count the time of what is done inside."""
+        self._wait()
+        begun = time.perf_counter()
+        yield
+        self._wait()
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begun
+
+    def _wait(self) -> None:
+        if self.device.type == "cuda":
+            torch.cuda.synchronize(self.device)
+
+
+def fit_in_parts(targets: list[Target], dtype: torch.dtype, device: torch.device) -> tuple[np.ndarray, Clock]:
+    """RMS (mm) of every scan, fitted as shipped with two panels, and the time of the parts."""
+    solver, conditions = shipped()
+    clock, cup = Clock(device), partial(StripsCup, panels=2)
+    with clock.part("starts"):
+        wires = Wire.stack([Wire.from_polyline(target.wire) for target in targets])
+        objective = starting_problems(targets, wires, cup, conditions, 1, dtype, device)
+    with clock.part("solve"):
+        solution = solver.solve(objective, objective.cup.flatten().detach(), None)
+    with clock.part("measurement"):
+        won = winners(objective, solution, wires)
+        measured = measured_cups(won.cup, targets)
+    with clock.part("certainty"):
+        certainty(won, conditions)
+    return np.array([one.figures["rms_mm"] for one in measured]), clock
+
+
+def rescans(whole: list[Target], count: int, points: int) -> list[Target]:
+    """So many scans: the given ones in turn, each time with other points of theirs, drawn at random."""
+    random, some = np.random.default_rng(0), []
+    for k in range(count):
+        target = whole[k % len(whole)]
+        chosen = random.choice(len(target.points), min(points, len(target.points)), replace=False)
+        some.append(replace(target, name=f"{target.name}, {k // len(whole)}", points=target.points[chosen]))
+    return some
+
+
+def report_gpu(whole: list[Target], counts: Sequence[int], points: int) -> None:
+    """Throughput of batches of growing size in both precisions, the share of each part, and RMS against the CPU's in
+    double precision, on a few of the scans.
+    """
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    if device.type == "cpu":
+        print("no CUDA device here: a few scans on the CPU instead, which show that it runs and no more")
+        counts, points = [min(count, SMALL) for count in counts[:1]], min(points, 300)
+    targets = rescans(whole, max(counts), points)
+    some = targets[: min(counts)]
+    known, _ = fit_in_parts(some, torch.float64, torch.device("cpu"))
+    for dtype in (torch.float64, torch.float32):
+        if device.type == "cuda":
+            fit_in_parts(some, dtype, device)  # the first call loads kernels
+        for count in counts:
+            rms, clock = fit_in_parts(targets[:count], dtype, device)
+            total = sum(clock.seconds.values())
+            shares = ", ".join(f"{name} {seconds / total:.0%}" for name, seconds in clock.seconds.items())
+            off = np.abs(rms[: len(known)] - known).max()
+            print(
+                f"{count} scans of {points} points, {device.type}, {str(dtype).removeprefix('torch.')}:"
+                f" {count / total:.1f} scans/s ({shares}); RMS off the CPU's in float64 by at most {off:.4f} mm",
+                flush=True,
+            )
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     "breasts": lambda options: report_breasts(breasts(options.folder)),
     "starts": lambda options: report_starts(breasts(options.folder)),
@@ -368,11 +448,15 @@ def main() -> None:
     parser.add_argument("folder", help="breast scans with their landmark files")
     parser.add_argument("--only", default=",".join(PARTS), help="parts, by commas: %(default)s")
     parser.add_argument("--slow", action="store_true", help="100 starts in case 1, and the paper's solver")
+    parser.add_argument("--gpu", action="store_true", help="only throughput on a GPU, by batch size and precision")
     options = parser.parse_args()
     wanted = options.only.split(",")
     if unknown := set(wanted) - set(PARTS):
         parser.error(f"--only: unknown {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     torch.set_num_threads(1)
+    if options.gpu:
+        report_gpu(breasts(options.folder, 10**9), BATCHES, POINTS)
+        return
     for name, report in PARTS.items():
         if name in wanted:
             report(options)

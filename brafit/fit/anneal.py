@@ -67,7 +67,7 @@ class Anneal:
         """Minimise every problem of the objective from its start. Problems that diverge are frozen where they were
         last finite.
         """
-        run = _Run.of(start, sum(s.steps for s in self.stages))
+        run = _Run.of(start, sum(s.steps for s in self.stages), self.stages[-1].penalty)
         for number, stage in enumerate(self.stages):
             self._stage(
                 run, objective, f"{number + 1} {stage.optimiser}", stage, (~run.diverged).nonzero()[:, 0], callback
@@ -147,16 +147,17 @@ class _Run:
     neckline: Tensor
     multipliers: dict[str, Tensor]
     total: int
+    final: float
     done: int = 0
 
     @staticmethod
-    def of(start: Tensor, total: int) -> "_Run":
+    def of(start: Tensor, total: int, final: float) -> "_Run":
         no = torch.zeros(len(start), dtype=torch.bool, device=start.device)
         ones = torch.ones_like(start[:, :1])
-        return _Run(start.clone(), no, no.clone(), no.long(), ones, ones.clone(), {}, total)
+        return _Run(start.clone(), no, no.clone(), no.long(), ones, ones.clone(), {}, total, final)
 
     def pressure(self, penalty: float, live: Tensor | None = None) -> Pressure:
-        whole = Pressure(penalty, self.multipliers, self.barrier, self.neckline)
+        whole = Pressure(penalty, self.multipliers, self.barrier, self.neckline, self.final)
         return whole if live is None else whole.select(live)
 
 
@@ -210,6 +211,7 @@ class _Watch:
         self._callback, self._stage, self._done, self._total = callback, stage, done, total
         self._subset: tuple[Tensor, Objective, Pressure] | None = None
         self._seen: Evaluation | None = None
+        self._scans = objective.groups
 
     def evaluate(self, place: Tensor, index: Tensor | None = None) -> tuple[Tensor, Tensor]:
         objective, pressure = self.objective, self.pressure
@@ -217,10 +219,9 @@ class _Watch:
             if self._subset is None or not torch.equal(self._subset[0], index):
                 self._subset = index, objective.select(index), pressure.select(index)
             _, objective, pressure = self._subset
-        self._seen = objective.evaluate(place, pressure)
+        self._seen, self._scans = objective.evaluate(place, pressure), objective.groups
         return self._seen.value, self._seen.gradient
 
     def report(self, count: int) -> None:
         if self._callback is not None and self._seen is not None:
-            terms = {"objective": self._seen.value, **self._seen.terms}
-            self._callback(Step(self._stage, self._done + count, self._total, terms))
+            self._callback(Step(self._stage, self._done + count, self._total, self._seen.terms, self._scans))

@@ -148,7 +148,7 @@ def deviations(
     unasked, parts, noise = objective.unasked(linear.columns), [], []
     for problems in slices(objective):
         rows = PointRows.of(objective, linear, None, problems)
-        parts.append((rows.value, rows.gradient(), rows.matrix()))
+        parts.append(rows.reduced())
         for k, (order, used) in enumerate(zip(rows.order, targets.weights[problems] > 0, strict=True)):
             one = slice(k, k + 1)
             jacobian = rows.sums.part((one, slice(None))).jacobian(rows.table[one].float())[0]
@@ -158,8 +158,7 @@ def deviations(
             apart = _APART * rows.feet.panel[k, :, None].to(targets.points)
             places = torch.cat((targets.points[problems][k], apart), dim=-1)[order]
             noise.append(_scatter(places, pulls, used[order]).to(flat))
-    points = Points(*(torch.cat(part) for part in zip(*parts, strict=True)), rows.feet)
-    hessian = assembled(objective, flat, pressure, linear, points).matrix
+    hessian = assembled(objective, flat, pressure, linear, Points.cat(parts)).matrix
     order = linear.columns.argsort()
     positions = linear.table[:, : linear.shape.edges[0, ..., 0].numel()].flatten(1, 2)[..., order]
     changes = flat.new_full((len(flat), count, flat.shape[1]), torch.nan)
@@ -182,9 +181,11 @@ def outline_spread(
     cup: Cup, flat: Float[Tensor, "batch size"], changes: Float[Tensor, "batch count size"]
 ) -> Float[Tensor, " batch"]:
     """Standard deviation of the pieces' outlines where it is largest, solver units, at the nodes of the fit; not finite
-    where a change makes no cup.
+    where a change makes no cup, or where there are none.
     """
     batch, count, size = changes.shape
+    if count == 0:
+        return flat.new_full((batch,), torch.nan)
     result = []
     each = max(1, _TOGETHER // max(1, count))
     for rows in torch.arange(batch).split(each):
@@ -196,13 +197,13 @@ def outline_spread(
     return torch.cat(result)
 
 
-def _flat_tangents(
-    shape: CupShape, flat: Complex[Tensor, "*batch panels 2 n"]
-) -> Complex[Tensor, "*batch panels 2 n"]:
+def _flat_tangents(shape: CupShape, flat: Complex[Tensor, "*batch panels 2 n"]) -> Complex[Tensor, "*batch panels 2 n"]:
     """Tangents of the edges of panels laid flat: they make the same angle with the rulings as in space. (Differences
-    between nodes are too coarse for the strap's corner.) 0 where a ruling has no length.
+    between nodes are too coarse for the strap's corner.)
     """
-    ruling = flat[..., 1, :] - flat[..., 0, :]
+    inner = (flat[..., 1, :] - flat[..., 0, :])[..., 1:-1]
+    # at the ends rulings have no length; the next nodes are very near
+    ruling = torch.cat((inner[..., :1], inner, inner[..., -1:]), dim=-1)
     ruling = ruling / ruling.abs().clamp_min(1e-9)
 
     def turned(tangents: Tensor) -> Tensor:

@@ -20,8 +20,6 @@ from brafit.fit.objective import Objective, Pressure
 from brafit.fit.result import ResultCode
 from brafit.fit.solver import Callback, Solution, Step
 
-_COMPACT = 0.75
-"""Finished problems leave the batch once less than this share of it still runs."""
 _SHORTEST = 1e-2
 """A step is not shortened further than this."""
 _WORTH = 1.08
@@ -107,6 +105,7 @@ class LM:
         steps = torch.zeros(batch, dtype=torch.long, device=start.device)
         barrier, neckline = torch.ones_like(start[:, :1]), torch.ones_like(start[:, :1])
         multipliers: dict[str, Tensor] = {}
+        penalty = self.stages[-1].penalty
         total, done = sum(s.steps for s in self.stages), 0
         notes: list[list[str]] = [[] for _ in range(batch)]
 
@@ -115,7 +114,7 @@ class LM:
             running, grid = live, objective
             for _ in range(LOOKS + 1 if last else 1):
                 part, place[running] = staged(grid.select(running), place[running], stage)
-                pressure = Pressure(stage.penalty, multipliers, barrier, neckline).select(running)
+                pressure = Pressure(stage.penalty, multipliers, barrier, neckline, penalty).select(running)
                 tell = partial(_tell, callback, f"{number + 1} lm", done, total)
                 ending = minimise(part, place[running], pressure, stage, tell)
                 place[running], value[running] = ending.place, ending.value
@@ -146,7 +145,7 @@ class LM:
             if stage.keep is not None:
                 final = stage.keep == min(s.keep for s in self.stages if s.keep is not None)
                 live = self._drop(live, value, objective.groups, stage.keep, codes, notes if final else None)
-        pressure = Pressure(self.stages[-1].penalty, multipliers, barrier, neckline)
+        pressure = Pressure(penalty, multipliers, barrier, neckline)
         return Solution(close(objective, place, pressure), codes, steps, pressure, notes)
 
     @staticmethod
@@ -166,26 +165,26 @@ class LM:
         """The best `keep` of each group's live problems; the others are marked, and noted where they had converged
         elsewhere.
         """
+        ends, owners = value.tolist(), groups.tolist()  # once: there may be thousands, and the values on a device
+        rows: dict[int, list[int]] = {}
+        for row in live.tolist():
+            rows.setdefault(owners[row], []).append(row)
         chosen = []
-        for group in groups[live].unique().tolist():
-            own = live[groups[live] == group]
-            order = own[value[own].argsort(stable=True)]
-            chosen.append(order[:keep])
-            best = value[order[0]].item()
-            dropped = order[keep:].tolist()
+        for own in rows.values():
+            order = sorted(own, key=lambda row: ends[row])
+            best, dropped = ends[order[0]], order[keep:]
+            chosen += order[:keep]
             apart = [
-                row
-                for row in dropped
-                if codes[row] is ResultCode.CONVERGED and value[row].item() > (1 + self.apart) * best
+                row for row in dropped if codes[row] is ResultCode.CONVERGED and ends[row] > (1 + self.apart) * best
             ]
             for row in dropped:
                 codes[row] = ResultCode.DROPPED
             if apart and notes is not None:
-                worst = max(value[row].item() for row in apart) / best - 1
+                worst = max(ends[row] for row in apart) / best - 1
                 words = f"{len(apart)} of the last {len(own)} starts ended in another optimum, up to {worst:.0%} worse"
-                for row in order[:keep].tolist():
+                for row in order[:keep]:
                     notes[row].append(words)
-        return torch.cat(chosen).sort().values
+        return torch.tensor(sorted(chosen), device=live.device)
 
 
 def staged(
@@ -198,9 +197,17 @@ def staged(
     return objective, objective.cup.place_corner(place, targets.connection, targets.has_connection)
 
 
-def _tell(callback: Callback | None, stage: str, done: int, total: int, index: int, terms: dict[str, Tensor]) -> None:
+def _tell(
+    callback: Callback | None,
+    stage: str,
+    done: int,
+    total: int,
+    index: int,
+    terms: dict[str, Tensor],
+    scans: Tensor,
+) -> None:
     if callback is not None:
-        callback(Step(stage, done + index, total, terms))
+        callback(Step(stage, done + index, total, terms, scans))
 
 
 @torch.no_grad()
@@ -231,7 +238,7 @@ def minimise(
         running = ~ended[index]
         if not running.any():
             break
-        if running.sum() < _COMPACT * len(index):
+        if not running.all():
             keep = running.nonzero()[:, 0]
             index, place, here = index[keep], place[keep], here.select(keep)
             damping, growth, reach = damping[keep], growth[keep], reach[keep]
@@ -263,7 +270,7 @@ def minimise(
         converged[index] |= finished
         value[index], result[index], margin[index] = here.value, place, here.margin
         history.append(value.clone())
-        tell(count, {"objective": here.value, **here.terms})
+        tell(count, here.terms, objective.groups)
     return Minimum(result, value, margin, converged, diverged, steps, torch.stack(history) if history else value[None])
 
 

@@ -135,20 +135,13 @@ def _fit_together(
     """All scans as one batch."""
     wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])
     objective = starting_problems(targets, wires, cup, condition, restarts, dtype, device)
-    model = objective.cup
-    solution = solver.solve(objective, model.flatten().detach(), callback)
-
-    best = _best(objective, solution)
-    flat = solution.flat[best].cpu().double()
-    winners = model.select(best).on(wires)  # in double precision, whatever the fit computed with
-    winners.load_flat(flat)
-    named, rows = winners.split(flat), best.tolist()
-    changes = _deviations(
-        winners, objective.targets.select(best).to(wires.scale), condition, solution.pressure.select(best)
-    )
-    spread = outline_spread(winners, flat, changes) * wires.scale
+    solution = solver.solve(objective, objective.cup.flatten().detach(), callback)
+    won = winners(objective, solution, wires)
+    flat, rows = won.cup.flatten().detach(), won.rows
+    named, steps = won.cup.split(flat), solution.iterations.tolist()
+    changes, spread = certainty(won, condition)
     results = []
-    for k, (row, target, measured) in enumerate(zip(rows, targets, _measured(winners, targets), strict=True)):
+    for k, (row, target, measured) in enumerate(zip(rows, targets, measured_cups(won.cup, targets), strict=True)):
         parameters = {name: value[k].tolist() for name, value in named.items()}
         line = target.smooth_neckline(condition.neckline_wave)
         bends = tight_bends(measured.shape, measured.panels, target.strap_point)
@@ -170,24 +163,52 @@ def _fit_together(
             distances=measured.distances.numpy(),
             figures=measured.figures | figures,
             parameters=parameters,
-            iterations=int(solution.iterations[row]),
+            iterations=steps[row],
             seconds=0.0,
             alternatives=alternatives if known else (),
         )
         told = solution.warnings[row] if solution.warnings else ()
-        results.append(_judged(fit, line, bends, winners.exact, condition, told))
+        results.append(_judged(fit, line, bends, won.cup.exact, condition, told))
     return results
 
 
-def _deviations(
-    winners: Cup, targets: Targets, condition: Conditions, pressure: Pressure
-) -> Float[Tensor, "batch count size"]:
-    """`deviations` of the winners; none for cups with constraints, which would have to be fulfilled anew for each."""
-    flat = winners.flatten().detach()
-    if not winners.exact:
-        return flat.new_zeros(len(flat), 0, flat.shape[1])
-    factors = (f.to(flat) if isinstance(f, Tensor) else f for f in (pressure.barrier, pressure.neckline))
-    return deviations(Objective(winners, targets, condition), flat, Pressure(pressure.penalty, {}, *factors))
+@dataclass(frozen=True)
+class Winners:
+    """The best start of every scan, in double precision on the CPU, whatever the fit computed with.
+
+    Attributes:
+        cup: with the parameters that were found.
+        targets: of the scans.
+        pressure: with the weights that the fits ended with.
+        rows: which problems they are.
+    """
+
+    cup: Cup
+    targets: Targets
+    pressure: Pressure
+    rows: list[int]
+
+
+def winners(objective: Objective, solution: Solution, wires: Wire) -> Winners:
+    """Those of a solution. `wires`: of the scans, in double precision."""
+    best = _best(objective, solution)
+    cup = objective.cup.select(best).on(wires)
+    cup.load_flat(solution.flat[best].to(wires.scale))
+    pressure = solution.pressure.select(best)
+    factors = (f.to(wires.scale) if isinstance(f, Tensor) else f for f in (pressure.barrier, pressure.neckline))
+    targets = objective.targets.select(best).to(wires.scale)
+    return Winners(cup, targets, Pressure(pressure.penalty, {}, *factors), best.tolist())
+
+
+def certainty(won: Winners, condition: Conditions) -> tuple[Float[Tensor, "scans count size"], Float[Tensor, " scans"]]:
+    """`deviations` of the winners, and the largest standard deviation (mm) of their outlines. None and nan for cups
+    with constraints, which would have to be fulfilled anew for each.
+    """
+    flat = won.cup.flatten().detach()
+    changes = flat.new_zeros(len(flat), 0, flat.shape[1])
+    if won.cup.exact:
+        changes = deviations(Objective(won.cup, won.targets, condition), flat, won.pressure)
+    return changes, outline_spread(won.cup, flat, changes) * won.cup.wire.scale
 
 
 def starting_problems(
@@ -273,7 +294,7 @@ def _judged(
 
 
 @dataclass(frozen=True)
-class _Measured:
+class Measured:
     """One cup: shape in mm, flat panels, distances and figures."""
 
     shape: CupShape
@@ -283,7 +304,7 @@ class _Measured:
 
 
 @torch.no_grad()
-def _measured(cup: Cup, targets: Sequence[Target], refinements: int = REFINEMENTS) -> list[_Measured]:
+def measured_cups(cup: Cup, targets: Sequence[Target], refinements: int = REFINEMENTS) -> list[Measured]:
     """The cups of a batch; those whose panels are to be exact and are not yet, on finer grids."""
     wire, flat = cup.wire, cup.flatten()
     units = cup.shape_of(flat)
@@ -299,10 +320,10 @@ def _measured(cup: Cup, targets: Sequence[Target], refinements: int = REFINEMENT
         neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
         figures = figures_of(shape, flat, own, neckline, smooth[k] * scale, wire.smoothing[k].item())
         panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
-        results.append(_Measured(shape, panels, own, figures))
+        results.append(Measured(shape, panels, own, figures))
     twisted = [k for k, one in enumerate(results) if not one.figures["twist_deg_max"] <= TWIST_LIMIT]
     if cup.exact and twisted and refinements:
         finer = cup.select(torch.tensor(twisted)).refined()
-        for k, one in zip(twisted, _measured(finer, [targets[k] for k in twisted], refinements - 1), strict=True):
+        for k, one in zip(twisted, measured_cups(finer, [targets[k] for k in twisted], refinements - 1), strict=True):
             results[k] = one
     return results

@@ -65,7 +65,7 @@ class NelderMead:
     ) -> tuple[Tensor, dict[str, Tensor], int, ResultCode]:
         begun, count, last = time.process_time(), 0, np.inf
         row, batch = position
-        pressure = Pressure(self.penalty)
+        pressure = Pressure(self.penalty, final=self.largest)
         x = start.cpu().double().numpy()
 
         def tensor(a: np.ndarray) -> Tensor:
@@ -80,7 +80,8 @@ class NelderMead:
             if callback is not None and count % 100 == 0:
                 total = batch * self.rounds * self.evaluations
                 done = row * self.rounds * self.evaluations + count
-                callback(Step(f"{row + 1} Nelder-Mead", done, total, {"objective": value}))
+                terms = objective.terms(tensor(a), pressure)
+                callback(Step(f"{row + 1} Nelder-Mead", done, total, terms, objective.groups))
             return value.item() if value.isfinite() else np.inf
 
         code = ResultCode.STEP_LIMIT
@@ -107,7 +108,7 @@ class NelderMead:
                 name: pressure.multipliers.get(name, 0.0) + pressure.penalty * value.detach()
                 for name, value in objective.constraints(shape).items()
             }
-            pressure = Pressure(min(pressure.penalty * self.growth, self.largest), moved)
+            pressure = Pressure(min(pressure.penalty * self.growth, self.largest), moved, final=self.largest)
         return tensor(x)[0], pressure.multipliers, count, code
 
 

@@ -41,7 +41,7 @@ class Normal:
         value: the objective.
         gradient, matrix: its gradient and Gauss-Newton matrix by these parameters.
         margin: smallest regularity margin.
-        terms: value of every block.
+        terms: what is told of the problems (`Objective.told`).
         feet: the points' feet.
     """
 
@@ -86,19 +86,31 @@ def normal_equations(
     parts = []
     for problems in slices(objective):
         rows = PointRows.of(objective, linear, near, problems)
-        parts.append((rows.value, rows.gradient(), rows.matrix(), *(getattr(rows.feet, f.name) for f in fields(Feet))))
-    value, gradient, matrix, *feet = (torch.cat(part) for part in zip(*parts, strict=True))
-    return assembled(objective, flat, pressure, linear, Points(value, gradient, matrix, Feet(*feet)))
+        parts.append(rows.reduced())
+    return assembled(objective, flat, pressure, linear, Points.cat(parts))
 
 
 @dataclass(frozen=True)
 class Points:
-    """What the points add to the quadratic model of B objectives, and their feet. Columns come as in `Linearised`."""
+    """What the points add to the quadratic model of B objectives, their mean squared distance, and their feet. Columns
+    come as in `Linearised`.
+    """
 
     value: Float[Tensor, " batch"]
     gradient: Float[Tensor, "batch columns"]
     matrix: Float[Tensor, "batch columns columns"]
+    square: Float[Tensor, " batch"]
     feet: Feet
+
+    @staticmethod
+    def cat(parts: Sequence["Points"]) -> "Points":
+        """Those of all problems from those of some."""
+
+        def all_of(items: Sequence, name: str) -> Tensor:
+            return torch.cat([getattr(item, name) for item in items])
+
+        feet = Feet(*(all_of([part.feet for part in parts], f.name) for f in fields(Feet)))
+        return Points(*(all_of(parts, name) for name in ("value", "gradient", "matrix", "square")), feet)
 
 
 def slices(objective: Objective) -> list[slice]:
@@ -119,6 +131,7 @@ class PointRows:
 
     Attributes:
         value: the points' part of the objectives.
+        square: their mean squared distance.
         feet: in the points' own order.
         order: of the points, by panels.
         counts: how many are on each panel.
@@ -128,6 +141,7 @@ class PointRows:
     """
 
     value: Float[Tensor, " some"]
+    square: Float[Tensor, " some"]
     feet: Feet
     order: Int[Tensor, "some points"]
     counts: Int[Tensor, "some panels"]
@@ -147,13 +161,19 @@ class PointRows:
         projection = project(points, edges, tangents, shape.stations, iterations, near)
         feet, distances = projection.feet, projection.distances
         value, slope = objective.points_block(distances, problems).model()
+        square = objective.mean_square(distances, problems)
         order = feet.panel.argsort(dim=1, stable=True)
         own = Feet(*(getattr(feet, f.name).gather(1, order) for f in fields(Feet)))
         directions = projection.directions.gather(1, order[..., None].expand_as(projection.directions))
         slope, distances = (v.gather(1, order) for v in (slope.expand_as(distances), distances))
         counts = torch.stack([(feet.panel == i).sum(1) for i in range(len(linear.reach))], dim=1)
         sums = Sums.of(directions, own, shape.stations, edges.shape[1])
-        return PointRows(value, feet, order, counts, slope, distances, sums, linear.table[problems], linear.reach)
+        table, reach = linear.table[problems], linear.reach
+        return PointRows(value, square, feet, order, counts, slope, distances, sums, table, reach)
+
+    def reduced(self) -> Points:
+        """Their part of the quadratic model."""
+        return Points(self.value, self.gradient(), self.matrix(), self.square, self.feet)
 
     def gradient(self) -> Float[Tensor, "some columns"]:
         """Of the points' value."""
@@ -188,12 +208,13 @@ def assembled(
     points: Points,
 ) -> Normal:
     """The objective's quadratic model from the cups' linearisation and the points' part."""
-    values = {"points": points.value}
+    values = [points.value]
     gradient, matrix = points.gradient, points.matrix
     blocks = objective.blocks(flat, linear.shape, pressure, linear.margin, linear.unfairness)
     rows = []
     for block in blocks:
-        values[block.name], slope = block.model()
+        own_value, slope = block.model()
+        values.append(own_value)
         if block.name == "plainness" and (plain := objective.cup.plain) is not None:  # a residual a parameter
             own, factor = slope[:, linear.columns], plain[1][linear.columns]
             gradient += own * factor * block.residual[:, linear.columns]
@@ -204,13 +225,14 @@ def assembled(
         jacobian, slope, residual = (torch.cat(parts, dim=1) for parts in zip(*rows, strict=True))
         gradient += _weighted(jacobian, slope * residual)
         matrix += gram(jacobian.float(), slope.float())
-    value = torch.stack(list(values.values())).sum(0)
+    value = torch.stack(values).sum(0)
     order = linear.columns.argsort()
     gradient, matrix = gradient[:, order], matrix[:, order][:, :, order]
     unasked = objective.unasked(linear.columns[order])
+    terms = objective.told(blocks, points.value, points.square)
     gradient = gradient.masked_fill(unasked, 0.0)
     matrix = matrix.masked_fill(unasked[:, None] | unasked[..., None], 0.0) + torch.diag_embed(unasked.to(matrix))
-    return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), values, points.feet)
+    return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), terms, points.feet)
 
 
 def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[Tensor, "batch m columns"]:

@@ -7,6 +7,7 @@ multipliers.
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 
@@ -85,9 +86,9 @@ class Conditions:
 class Block:
     """Residuals of one kind: value = sum of weight * rho(residual^2).
 
-    `gaps`: where the residuals are the components of gaps between the cup and fixed points. There rho takes the
-        squared length of each
-    gap: a sum of rho over the components would depend on the axes, and its gradient on how the foot points slide.
+    `gaps`: where the residuals are the components of gaps between the cup and fixed points. There rho takes the squared
+    length of each gap: a sum of rho over the components would depend on the axes, and its gradient on how the foot
+    points slide. `final`: the block as it counts in the end, if a stage has it otherwise.
     """
 
     name: str
@@ -95,6 +96,7 @@ class Block:
     weight: Tensor | float
     loss: Loss = square
     gaps: Gaps | None = None
+    final: Block | None = None
 
     def value(self) -> Float[Tensor, " batch"]:
         return (self.weight * self.loss(self.squared())[0]).sum(-1)
@@ -108,6 +110,10 @@ class Block:
         slope = 2 * self.weight * slope
         return (self.weight * rho).sum(-1), slope if self.gaps is None else slope.repeat_interleave(3, dim=-1)
 
+    def told(self) -> Float[Tensor, " batch"]:
+        """The value as it counts in the end."""
+        return (self.final or self).value()
+
     def squared(self) -> Float[Tensor, "batch k"]:
         """What rho takes: squared residuals, or squared lengths of gaps."""
         return self.residual.square() if self.gaps is None else dot(self.gaps.vectors, self.gaps.vectors)
@@ -118,22 +124,24 @@ class Pressure:
     """How hard the constraints press: penalty mu and multipliers lambda of lambda c + mu/2 c^2, per constraint.
 
     The multipliers make the constraints hold without an endless penalty (the multiplier method). `barrier` and
-    `neckline` multiply the weights of the regularity barrier and of the neckline, problem by problem.
+    `neckline` multiply the weights of the regularity barrier and of the neckline, problem by problem. `final`: the
+    penalty that constraints are told of with (`Block.told`); None: this one.
     """
 
     penalty: float
     multipliers: dict[str, Tensor] = field(default_factory=dict)
     barrier: Float[Tensor, "batch 1"] | float = 1.0
     neckline: Float[Tensor, "batch 1"] | float = 1.0
+    final: float | None = None
 
     def select(self, index: Tensor) -> "Pressure":
         factors = (f[index] if isinstance(f, Tensor) else f for f in (self.barrier, self.neckline))
-        return Pressure(self.penalty, {k: v[index] for k, v in self.multipliers.items()}, *factors)
+        return Pressure(self.penalty, {k: v[index] for k, v in self.multipliers.items()}, *factors, self.final)
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Objective of B problems at one place."""
+    """Objective of B problems at one place: its value and gradient, and what is told of it (`Objective.told`)."""
 
     value: Float[Tensor, " batch"]
     gradient: Flat
@@ -164,6 +172,7 @@ class Objective:
         self.groups = torch.arange(cup.batch, device=targets.points.device) if groups is None else groups
         self.guiding = False
         self.shares = (1.0, 1.0)
+        self.final_margin_width = conditions.margin_width
 
     def _with(self, **changes: object) -> "Objective":
         """A shallow copy with some attributes changed."""
@@ -259,24 +268,55 @@ class Objective:
         c = self.conditions
         blocks = self._guided_edges(shape) if self.guiding else self._wanted_edges(flat, shape, pressure)
         if c.barrier > 0:
-            short = shortfall(margin.flatten(1), c.margin, c.margin_width)
-            blocks.append(Block("regularity", short, c.barrier * pressure.barrier / short.shape[1]))
+            weight = c.barrier * pressure.barrier / margin[0].numel()
+            soft, final = (
+                Block("regularity", shortfall(margin.flatten(1), c.margin, width), weight)
+                for width in (c.margin_width, self.final_margin_width)
+            )
+            blocks.append(replace(soft, final=final))
         if c.fairness > 0:
-            fairness, plainness = (c.fairness * share for share in self.shares)
-            blocks.append(Block("fairness", unfairness, fairness * FAIRNESS))
+            fairness, plainness = self.shares
+            final = Block("fairness", unfairness, c.fairness * FAIRNESS)
+            blocks.append(replace(final, weight=fairness * c.fairness * FAIRNESS, final=final))
             if (plain := self.cup.plain) is not None:
                 away = (flat - plain[0]) * plain[1]
-                blocks.append(Block("plainness", away, plainness * PLAINNESS / self.cup.panels**2))
+                weight = c.fairness * PLAINNESS / self.cup.panels**2
+                final = Block("plainness", away, weight)
+                blocks.append(replace(final, weight=plainness * weight, final=final))
         for name, value in self.constraints(shape).items():
             shift = pressure.multipliers.get(name)
             residual = value if shift is None else value + shift / pressure.penalty
-            blocks.append(Block(name, residual, 0.5 * pressure.penalty))
+            final = Block(name, value, 0.5 * (pressure.final or pressure.penalty))
+            blocks.append(Block(name, residual, 0.5 * pressure.penalty, final=final))
         return blocks
+
+    @torch.no_grad()
+    def told(
+        self, blocks: Sequence[Block], points: Float[Tensor, " batch"], square: Float[Tensor, " batch"]
+    ) -> dict[str, Float[Tensor, " batch"]]:
+        """What `Step` tells of these problems.
+
+        Args:
+            blocks: all but the points'.
+            points: value of the points.
+            square: their mean squared distance.
+        """
+        terms = {"points": points} | {block.name: block.told().detach() for block in blocks}
+        value = torch.stack([*terms.values()]).sum(0)
+        terms = {"objective": torch.full_like(value, torch.nan) if self.guiding else value, **terms}
+        return terms if self.targets.points.shape[1] == 0 else terms | {"rms_mm": self.targets.scale * square.sqrt()}
 
     def _all(self, flat: Flat, shape: CupShape, pressure: Pressure) -> list[Block]:
         """The points' residuals and all others."""
         points = self.points_block(self.distances(shape, self.feet(shape)))
         return [points, *self.blocks(flat, shape, pressure, shape.margin, self.cup.unfairness(flat))]
+
+    def mean_square(
+        self, distances: Float[Tensor, "some points"], problems: slice = slice(None)
+    ) -> Float[Tensor, " some"]:
+        """Mean of the squared distances of the points, all alike, of all problems or some."""
+        used = (self.targets.weights[problems] > 0).to(distances)
+        return (used * distances.square()).sum(1) / used.sum(1).clamp_min(1)
 
     def _guided_edges(self, shape: CupShape) -> list[Block]:
         """Every edge drawn to its guide both ways."""
@@ -334,15 +374,23 @@ class Objective:
         shape = self.cup.sketch(flat)
         return torch.stack([block.value() for block in self._all(flat, shape, pressure)]).sum(0)
 
+    @torch.no_grad()
+    def terms(self, flat: Flat, pressure: Pressure) -> dict[str, Float[Tensor, " batch"]]:
+        """What `Step` tells of the problems at a place."""
+        points, *others = self._all(flat, self.cup.sketch(flat), pressure)
+        return self.told(others, points.value(), self.mean_square(points.residual))
+
     def evaluate(self, flat: Flat, pressure: Pressure) -> Evaluation:
-        """Value, gradient and the value of each block."""
+        """Value, gradient and what is told."""
         with torch.enable_grad():
             flat = flat.detach().requires_grad_()
             shape = self.cup.sketch(flat)
-            values = {block.name: block.value() for block in self._all(flat, shape, pressure)}
-            value = torch.stack(list(values.values())).sum(0)
+            points, *others = self._all(flat, shape, pressure)
+            values = [points.value(), *(block.value() for block in others)]
+            value = torch.stack(values).sum(0)
             (gradient,) = torch.autograd.grad(value.sum(), flat)
-        return Evaluation(value.detach(), gradient, {k: v.detach() for k, v in values.items()})
+        terms = self.told(others, values[0].detach(), self.mean_square(points.residual.detach()))
+        return Evaluation(value.detach(), gradient, terms)
 
 
 def _pulls(

@@ -17,6 +17,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
@@ -67,7 +68,7 @@ def _shared(
 ) -> list[Result]:
     """The first shard done here, each other one by the process that gets its job."""
     count = len(shards)
-    together = None if callback is None else _Together(callback, count)
+    together = None if callback is None else _Together(callback, [sum(map(len, shards[:k])) for k in range(count)])
     tell = [None if together is None else partial(together.tell, k) for k in range(count)]
     helpers = _POOL.take(len(jobs))
 
@@ -173,8 +174,10 @@ atexit.register(_POOL.close)
 class _Together:
     """Makes one report of the shards' own."""
 
-    def __init__(self, callback: Callback, count: int):
-        self._callback, self._lock = callback, threading.Lock()
+    def __init__(self, callback: Callback, firsts: Sequence[int]):
+        """`firsts`: places of the shards' first items."""
+        count = len(firsts)
+        self._callback, self._firsts, self._lock = callback, firsts, threading.Lock()
         self._last: list[Step | None] = [None] * count
         self._running = [True] * count
         self._told = -1
@@ -182,7 +185,7 @@ class _Together:
     def tell(self, shard: int, step: Step) -> None:
         """Pass on what all shards last said, once the slowest has come further."""
         with self._lock:
-            self._last[shard] = step
+            self._last[shard] = replace(step, scans=step.scans + self._firsts[shard])
             self._report()
 
     def end(self, shard: int) -> None:
@@ -201,5 +204,10 @@ class _Together:
         if slowest.index <= self._told:
             return
         self._told = slowest.index
-        terms = {k: torch.cat([step.terms[k] for step in steps if k in step.terms]) for k in slowest.terms}
-        self._callback(Step(slowest.stage, slowest.index, slowest.total, terms))
+        scans = torch.cat([step.scans for step in steps])
+        unknown = torch.full(scans.shape, torch.nan).split([len(step.scans) for step in steps])
+        terms = {
+            k: torch.cat([step.terms.get(k, nan) for step, nan in zip(steps, unknown, strict=True)])
+            for k in slowest.terms
+        }
+        self._callback(Step(slowest.stage, slowest.index, slowest.total, terms, scans))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
+import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
@@ -20,13 +21,23 @@ class Step:
     Attributes:
         stage: name of the stage.
         index, total: steps done and steps at most.
-        terms: objective, losses and penalties of the problems still running.
+        terms: of the problems still running, see below.
+        scans: to which target of the batch each of these problems belongs, int64, on the terms' device. Empty in
+            steps that no solver tells of.
+
+    Terms are named after losses and penalties, as they count in the end: what a stage makes weigh more or less, or
+    bounds more softly, is told with the final weight, and penalties of constraints without multipliers and with the
+    last stage's factor. `objective` is their sum, so that it can be followed across stages; nan in stages that look at
+    no points. `rms_mm` is the root mean square distance (mm) of the points that the step looked at; missing where
+    there are none. Early stages look at means of small patches, whose distances are less by what points of a patch
+    differ.
     """
 
     stage: str
     index: int
     total: int
     terms: dict[str, Float[Tensor, " active"]]
+    scans: Int[Tensor, " active"] = field(default_factory=lambda: torch.zeros(0, dtype=torch.long))
 
 
 Callback = Callable[[Step], None]

@@ -27,6 +27,8 @@ CHUNK = 1 << 17
 """Distances held at a time in the search, over the whole batch: bounds the memory for any number of points, and fits
 caches.
 """
+DEVICE = 1 << 9
+"""Other devices than the processor hold so many times more: their time goes by calls."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,11 @@ class Feet:
         interval = (torch.searchsorted(others, arc, right=True) - 1).clamp(0, len(others) - 2)
         start = others[interval]
         return Feet(self.panel, interval, ((arc - start) / (others[interval + 1] - start)).clamp(0, 1), self.u)
+
+
+def chunk_of(like: Tensor) -> int:
+    """Distances held at a time on a tensor's device."""
+    return CHUNK if like.device.type == "cpu" else CHUNK * DEVICE
 
 
 def hermite(tau: Tensor, h: Tensor) -> Tensor:
@@ -131,16 +138,17 @@ def sampled_distances(
     to them.
     """
     batch, (panels, n) = points.shape[:-2], (edges.shape[-3] - 1, edges.shape[-2])
-    p = points.reshape(math.prod(batch), points.shape[-2], 3)
-    lower = edges[..., :-1, :, :].reshape(len(p), -1, 3)
-    ruling = edges[..., 1:, :, :].reshape(len(p), -1, 3) - lower
+    # Single precision tells which ruling is nearest; where it cannot, either will do.
+    p = points.reshape(math.prod(batch), points.shape[-2], 3).float()
+    lower = edges[..., :-1, :, :].reshape(len(p), -1, 3).float()
+    ruling = edges[..., 1:, :, :].reshape(len(p), -1, 3).float() - lower
     length = ruling.norm(dim=-1).clamp_min(1e-30)
     d = ruling / length[..., None]
     offset = dot(lower, d)
     square = dot(lower, lower)
     nearest = torch.empty(panels, len(p), p.shape[1], dtype=torch.long, device=p.device)
     least = torch.empty(panels, len(p), p.shape[1], dtype=p.dtype, device=p.device)
-    chunk = max(1, CHUNK // max(1, len(p) * panels * n))
+    chunk = max(1, chunk_of(p) // max(1, len(p) * panels * n))
     for start in range(0, p.shape[1], chunk):
         q = p[:, start : start + chunk]
         t = torch.baddbmm(-offset[:, None, :], q, d.mT)
@@ -151,7 +159,7 @@ def sampled_distances(
         nearest[..., start : start + chunk] = index.movedim(-1, 0)
         least[..., start : start + chunk] = found.movedim(-1, 0)
     least += dot(p, p)
-    return nearest.reshape(panels, *batch, -1), least.reshape(panels, *batch, -1)
+    return nearest.reshape(panels, *batch, -1), least.to(points).reshape(panels, *batch, -1)
 
 
 def _cubics(
@@ -230,7 +238,7 @@ def project(
 
     def refine(index: Tensor, panel: Tensor, interval: Tensor, tau: Tensor | None) -> Tensor:
         parts = []
-        size = max(1, CHUNK // 16)
+        size = max(1, chunk_of(p) // 16)
         for first in range(0, len(index), size):
             part = slice(first, first + size)
             own, place = index[part], None if tau is None else tau[part]

@@ -95,8 +95,9 @@ def test_callback_sees_every_step_and_term():
     assert {step.stage for step in seen} == {"1 adam", "2 lbfgs"}
     assert {step.total for step in seen} == {7}
     terms = seen[-1].terms
-    torch.testing.assert_close(terms["objective"], sum(v for k, v in terms.items() if k != "objective"))
+    torch.testing.assert_close(terms["objective"], sum(v for k, v in terms.items() if k not in ("objective", "rms_mm")))
     assert terms["points"].shape == (2,)
+    assert [step.scans.tolist() for step in seen] == [[0, 1]] * len(seen)
 
 
 def test_whitening_makes_the_matrix_one_and_survives_bad_ones():

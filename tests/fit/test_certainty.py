@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import math
+import pickle
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from lunes import lune_cup, lune_flat
 
 from brafit.cup import StripsCup, Wire
 from brafit.fit import LM, Conditions, LMStage, ResultCode, Target
-from brafit.fit.certainty import Alternative, deviations, outline_deviation
+from brafit.fit.certainty import Alternative, Alternatives, deviations, outline_deviation, outline_spread
 from brafit.fit.measure import flat_panels
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.targets import Targets
@@ -107,6 +109,35 @@ def test_noise_twice_as_strong_moves_cups_twice_as_far():
         flat = objective.cup.flatten().detach()
         sizes.append(predicted(flat, deviations(objective, flat, Pressure(1.0))))
     torch.testing.assert_close(sizes[1] / sizes[0], torch.full_like(sizes[0], 2.0), rtol=0.1, atol=0)
+
+
+def test_alternatives_are_made_on_the_stations_of_the_fit(fits):
+    """A sequence whose items are the cups with the changed parameters, in millimetres."""
+    objective, flat, pressure = fits
+    changes, wire = deviations(objective, flat, pressure)[0], objective.cup.wire.select(torch.tensor([0]))
+    own = partial(StripsCup, panels=2, terms=5, nodes=32, stations=51)
+    alternatives = Alternatives(own, wire, flat[0], changes, 101)
+    assert len(alternatives) == len(changes)
+    shape = own(wire, stations=101).shape_of(flat[:1] + changes[3:4])
+    torch.testing.assert_close(alternatives[3].shape.edges, shape.edges[0] * wire.scale)
+    assert len(alternatives[2:4]) == 2
+    assert pickle.loads(pickle.dumps(alternatives))[0].panels[1].upper.shape == (101, 2)
+
+
+def test_the_largest_deviation_is_found_at_the_nodes(fits):
+    """Against the outlines of all alternatives on the stations of the output."""
+    objective, flat, pressure = fits
+    changes = deviations(objective, flat, pressure)
+    cup, wires = objective.cup, objective.cup.wire
+    found = outline_spread(cup, flat, changes) * wires.scale
+    for k in range(4):
+        wire = wires.select(torch.tensor([k]))
+        made = partial(StripsCup, panels=2, terms=5, nodes=32)
+        alternatives = Alternatives(made, wire, flat[k], changes[k], 201)
+        fit = Alternatives(made, wire, flat[k], torch.zeros_like(changes[k, :1]), 201)[0]
+        known = max(float(edge.max()) for pair in outline_deviation(fit.panels, alternatives) for edge in pair)
+        assert found[k].item() == pytest.approx(known, rel=0.02)
+    assert outline_spread(cup, flat, changes[:, :0]).isnan().all()
 
 
 def moved(panels: list[FlatPanel], angle: float, scale: float = 1.0) -> Alternative:

@@ -16,7 +16,7 @@ from brafit.cup.shape import CupShape
 from brafit.geometry import nearest
 from brafit.geometry.nearest import (
     Feet,
-    distance_jacobian,
+    Sums,
     foot_directions,
     nearest_feet,
     nearest_on_curve,
@@ -182,7 +182,21 @@ def test_jacobian_is_the_derivative_of_the_distances():
 
     expected = torch.autograd.functional.jacobian(moved, torch.zeros(5, dtype=torch.float64))
     m = foot_directions(points, edges, tangents, shape.stations, feet)
-    torch.testing.assert_close(distance_jacobian(m, feet, shape.stations, 3, table), expected)
+    sums = Sums.of(m, feet, shape.stations, 3)
+    torch.testing.assert_close(sums.jacobian(table), expected)
+    force = torch.randn(30, dtype=torch.float64)
+    torch.testing.assert_close(sums.gradient(force, table), force @ expected)
+
+
+def test_feet_are_the_same_at_other_stations():
+    """A foot on a cup of 41 stations, and where it is among 16 others: the same place on the wire."""
+    shape, points = random_cup(4), cloud(50, 4)
+    feet = feet_of(points, shape)
+    others = torch.linspace(0, 1, 16, dtype=torch.float64) ** 2 * shape.stations[-1]
+    moved = feet.on(shape.stations, others)
+    torch.testing.assert_close(moved.arc(others), feet.arc(shape.stations))
+    assert moved.interval.max() <= 14
+    assert torch.equal(moved.panel, feet.panel)
 
 
 def test_chunks_do_not_change_results(monkeypatch):
