@@ -195,9 +195,11 @@ def winners(objective: Objective, solution: Solution, wires: Wire) -> Winners:
     cup = objective.cup.select(best).on(wires)
     cup.load_flat(solution.flat[best].to(wires.scale))
     pressure = solution.pressure.select(best)
-    factors = (f.to(wires.scale) if isinstance(f, Tensor) else f for f in (pressure.barrier, pressure.neckline))
+    barrier, neckline = (
+        f.to(wires.scale) if isinstance(f, Tensor) else f for f in (pressure.barrier, pressure.neckline)
+    )
     targets = objective.targets.select(best).to(wires.scale)
-    return Winners(cup, targets, Pressure(pressure.penalty, {}, *factors), best.tolist())
+    return Winners(cup, targets, Pressure(pressure.penalty, {}, barrier, neckline), best.tolist())
 
 
 def certainty(won: Winners, condition: Conditions) -> tuple[Float[Tensor, "scans count size"], Float[Tensor, " scans"]]:

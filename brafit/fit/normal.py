@@ -21,9 +21,9 @@ from brafit.fit.objective import Block, Objective, Pressure
 from brafit.geometry.nearest import Feet, Sums, project
 
 POINTS = 1 << 14
-"""Points whose feet are held at a time, and"""
+"""Points whose feet are held at a time, over all problems: what the processor's caches hold."""
 ROWS = 1 << 18
-"""numbers of their Jacobian, both fitting the processor's caches."""
+"""Numbers of their Jacobian held at a time, likewise."""
 DEVICE = 1 << 10
 """Other devices hold so many times more: their time goes by calls."""
 _ITERATIONS = 3
@@ -110,7 +110,8 @@ class Points:
             return torch.cat([getattr(item, name) for item in items])
 
         feet = Feet(*(all_of([part.feet for part in parts], f.name) for f in fields(Feet)))
-        return Points(*(all_of(parts, name) for name in ("value", "gradient", "matrix", "square")), feet)
+        value, gradient, matrix, square = (all_of(parts, k) for k in ("value", "gradient", "matrix", "square"))
+        return Points(value, gradient, matrix, square, feet)
 
 
 def slices(objective: Objective) -> list[slice]:
@@ -220,11 +221,11 @@ def assembled(
             gradient += own * factor * block.residual[:, linear.columns]
             matrix.diagonal(dim1=-2, dim2=-1).add_(own * factor**2)
         else:
-            rows.append((_jacobian(block, linear, objective), slope, block.residual))
+            jacobian = _jacobian(block, linear, objective)
+            gradient += _weighted(jacobian, slope * block.residual)
+            rows.append((jacobian.float(), slope.float()))
     if rows:
-        jacobian, slope, residual = (torch.cat(parts, dim=1) for parts in zip(*rows, strict=True))
-        gradient += _weighted(jacobian, slope * residual)
-        matrix += gram(jacobian.float(), slope.float())
+        matrix += gram(*(torch.cat(parts, dim=1) for parts in zip(*rows, strict=True)))
     value = torch.stack(values).sum(0)
     order = linear.columns.argsort()
     gradient, matrix = gradient[:, order], matrix[:, order][:, :, order]

@@ -135,8 +135,9 @@ class Pressure:
     final: float | None = None
 
     def select(self, index: Tensor) -> "Pressure":
-        factors = (f[index] if isinstance(f, Tensor) else f for f in (self.barrier, self.neckline))
-        return Pressure(self.penalty, {k: v[index] for k, v in self.multipliers.items()}, *factors, self.final)
+        barrier, neckline = (f[index] if isinstance(f, Tensor) else f for f in (self.barrier, self.neckline))
+        multipliers = {k: v[index] for k, v in self.multipliers.items()}
+        return Pressure(self.penalty, multipliers, barrier, neckline, self.final)
 
 
 @dataclass(frozen=True)

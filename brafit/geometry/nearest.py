@@ -183,8 +183,8 @@ class _Tables:
         steps: lengths of the intervals.
     """
 
-    cubics: Float[Tensor, "rows 24"]
-    samples: Float[Tensor, "stations 12"]
+    cubics: Float[Tensor, "24 rows"]
+    samples: Float[Tensor, "12 stations"]
     steps: Float[Tensor, " intervals"]
 
     @staticmethod
@@ -193,7 +193,7 @@ class _Tables:
         cubics = torch.stack((series[:, :-1], series[:, 1:] - series[:, :-1]), dim=-2)
         (x0, x1), (v0, v1) = ((w[:, :-1], w[:, 1:]) for w in (edges, tangents))
         samples = torch.cat((x0, x1 - x0, v0, v1 - v0), dim=-1)
-        return _Tables(cubics.reshape(-1, 24), samples.reshape(-1, 12), stations.diff())
+        return _Tables(cubics.reshape(-1, 24).mT.contiguous(), samples.reshape(-1, 12).mT.contiguous(), stations.diff())
 
 
 @dataclass(frozen=True)
@@ -233,30 +233,31 @@ def project(
     p, x, v = points.reshape(-1, 3), edges.reshape(-1, panels + 1, n, 3), tangents.reshape(-1, panels + 1, n, 3)
     tables = _Tables.of(x, v, stations)
     problem = torch.arange(len(x), device=p.device).repeat_interleave(count) * panels
-    everything = torch.arange(len(p), device=p.device)
     components = p.mT.contiguous()
 
-    def refine(index: Tensor, panel: Tensor, interval: Tensor, tau: Tensor | None) -> Tensor:
+    def refine(index: Tensor | None, panel: Tensor, interval: Tensor, tau: Tensor | None) -> Tensor:
+        """Of the points with these indices; None: of all."""
+        chosen = components if index is None else _columns(components, index)
+        row = panel + (problem if index is None else problem.index_select(0, index))
         parts = []
         size = max(1, chunk_of(p) // 16)
-        for first in range(0, len(index), size):
+        for first in range(0, len(row), size):
             part = slice(first, first + size)
-            own, place = index[part], None if tau is None else tau[part]
-            chosen = components.index_select(1, own)
-            parts.append(_refine(chosen, problem[own] + panel[part], interval[part], place, tables, iterations))
+            place = None if tau is None else tau[part]
+            parts.append(_refine(chosen[:, part], row[part], interval[part], place, tables, iterations))
         return torch.cat(parts, dim=1) if parts else p.new_zeros(10, 0)
 
     if near is None:
         start, bound = _starts(points, x, panels)
         panel = bound.min(0).indices
-        found = refine(everything, panel, start.gather(0, panel[None])[0], None)
+        found = refine(None, panel, start.gather(0, panel[None])[0], None)
         nearer = (bound < found[3]).scatter_(0, panel[None], False)
         other, index = nearer.nonzero().unbind(1)
         crossed, counts = refine(index, other, start[other, index], None), nearer.sum(1).tolist()
         again = list(zip(other.split(counts), index.split(counts), crossed.split(counts, dim=1), strict=True))
     else:
         panel, interval, tau = near.panel.reshape(-1), near.interval.reshape(-1), near.tau.reshape(-1)
-        found = refine(everything, panel, interval, tau)
+        found = refine(None, panel, interval, tau)
         # A foot that came to rest on a ridge may go on beyond it.
         beyond = panel + (found[2] == 1).long() - (found[2] == 0).long()
         index = ((beyond != panel) & (beyond >= 0) & (beyond < panels)).nonzero()[:, 0]
@@ -295,6 +296,17 @@ def _starts(
     step = torch.maximum(torch.nn.functional.pad(step, (1, 0)), torch.nn.functional.pad(step, (0, 1)))
     slack = 0.5 * torch.maximum(step[:, :-1], step[:, 1:]).movedim(1, 0).gather(-1, start)
     return start.reshape(panels, -1), (least - slack).reshape(panels, -1)
+
+
+def _columns(table: Float[Tensor, "k rows"], index: Int[Tensor, " m"]) -> Float[Tensor, "k m"]:
+    """Columns of a table. (Rows gathered and then transposed take twice as long.)"""
+    return table.gather(1, index.expand(len(table), -1))
+
+
+def _cross(a: Float[Tensor, "3 m"], b: Float[Tensor, "3 m"]) -> Float[Tensor, "3 m"]:
+    """Vector products of vectors whose components come first."""
+    (x, y, z), (u, v, w) = a, b
+    return torch.stack((y * w - z * v, z * u - x * w, x * v - y * u))
 
 
 def _dot(a: Float[Tensor, "3 m"], b: Float[Tensor, "3 m"]) -> Float[Tensor, " m"]:
@@ -391,11 +403,10 @@ def _refine(
     intervals = len(tables.steps)
 
     def series(interval: Tensor) -> _Series:
-        rows = tables.cubics.index_select(0, panel * intervals + interval)
-        return _Series.of(rows.mT.contiguous().view(4, 2, 3, -1))
+        return _Series.of(_columns(tables.cubics, panel * intervals + interval).view(4, 2, 3, -1))
 
     if tau is None:
-        x, g, v, change = tables.samples.index_select(0, panel * (intervals + 1) + start).mT.contiguous().view(4, 3, -1)
+        x, g, v, change = _columns(tables.samples, panel * (intervals + 1) + start).view(4, 3, -1)
         # The nearest station is an end of two intervals; the derivative there tells which one holds the minimum.
         foot = _Foot.of(p - x, g)
         uphill = _dot(foot.delta, torch.addcmul(v, foot.u, change)) < 0
@@ -410,7 +421,7 @@ def _refine(
         aside = (tau > 1).long() - (tau < 0).long()
         interval = (start + aside).clamp(0, intervals - 1)
         moved = interval != start
-        scale = tables.steps[start] / tables.steps[interval]
+        scale = tables.steps.index_select(0, start) / tables.steps.index_select(0, interval)
         there = torch.where(aside > 0, (tau - 1) * scale, 1 + tau * scale)
         tau = torch.where(moved, there, tau).clamp(0, 1)
         if moved.any():
@@ -418,7 +429,7 @@ def _refine(
     tau = _descended(partial(_descent, p, curves), tau, iterations)
     (a, g), (a1, g1) = curves.value(tau), curves.slope(tau)
     foot = _Foot.of(p - a, g)
-    normal = torch.linalg.cross(torch.addcmul(a1, foot.u, g1), g, dim=0)
+    normal = _cross(torch.addcmul(a1, foot.u, g1), g)
     normal = normal / _dot(normal, normal).clamp_min(1e-60).sqrt()
     scalars = torch.stack((interval.to(p.dtype), tau, foot.u, _dot(foot.delta, foot.delta)))
     return torch.cat((scalars, foot.delta, normal))
@@ -447,7 +458,7 @@ def nearest_on_curve(
     back = ((start > 0) & (_dot(p - x, v) < 0)) | (start == n - 1)
     interval, tau = start - back.long(), back.to(p.dtype)
     table = _cubics(curve, tangents, stations).reshape(-1, 12)
-    series = _Series.of(table.index_select(0, problem * (n - 1) + interval).mT.contiguous().view(4, 3, -1))
+    series = _Series.of(_columns(table.mT.contiguous(), problem * (n - 1) + interval).view(4, 3, -1))
 
     def descent(tau: Tensor) -> tuple[Tensor, Tensor]:
         delta, along = p - series.value(tau), series.slope(tau)
