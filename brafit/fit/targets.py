@@ -52,6 +52,10 @@ class Target:
         return None if self.neckline is None else smooth_neckline(self.neckline, self.strap_point, wave)
 
 
+PADDED = 64
+"""Points of a batch are padded to a multiple of this."""
+
+
 @dataclass(frozen=True)
 class Targets:
     """B targets in solver units. Clouds of different size are padded with points of weight 0, and each comes in the
@@ -139,7 +143,8 @@ class Targets:
             return tensor([default if v is None else v for v in values]), has
 
         counts = [len(t.points) for t in targets]
-        points = np.zeros((len(targets), max(counts), 3))
+        # Sums over padded points are the same for any batch, as long as their lengths are multiples of so many.
+        points = np.zeros((len(targets), -(-max(counts) // PADDED) * PADDED, 3))
         weights = np.zeros(points.shape[:2])
         for row, (target, count) in enumerate(zip(targets, counts, strict=True)):
             order = along_curve(target.points)

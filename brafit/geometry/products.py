@@ -28,7 +28,7 @@ def weighted_rows(weights: Float[Tensor, "batch m"], rows: Float[Tensor, "batch 
     """Sum of the rows times their weights, for every item."""
     if rows.device.type != "cpu":
         return torch.bmm(weights[:, None], rows)[:, 0]
-    return torch.stack([w @ r for w, r in zip(weights, rows, strict=True)])
+    return (weights[..., None] * rows).sum(-2)  # a product's rounding would depend on where in memory an item lies
 
 
 def total(values: Sequence[Tensor]) -> Tensor:
