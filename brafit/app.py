@@ -61,8 +61,12 @@ class Statuses(Callback):
         _note(NOTHING_RAN)
         arguments = list(config.hydra.overrides.task)
         swept, fixed = parted(arguments)
-        for settings in combinations(swept, fixed):
-            recipe_from_settings(plain_settings(from_settings(settings)), {})
+        try:
+            for settings in combinations(swept, fixed):
+                recipe_from_settings(plain_settings(from_settings(settings)), {})
+        except BrafitError as error:  # of other errors in a callback Hydra would only warn
+            print(f"brafit: {error}", file=sys.stderr)
+            sys.exit(NOTHING_RAN)
         excluded = ",".join(key for key in fixed)
         with read_write(config), open_dict(config):
             config.hydra.overrides.hydra.append(f"hydra.job.config.override_dirname.exclude_keys=[{excluded}]")

@@ -399,7 +399,7 @@ def varied(
     """
     groups = {text.partition("=")[0]: text.partition("=")[2] for text in overrides}
     chosen = {key: value for key, value in groups.items() if key in names}
-    base = from_settings([f"{key}={value}" for key, value in {**names, **chosen}.items() if value])
+    base = from_settings([f"{key}={value}" for key, value in {**names, **chosen}.items() if value] + ["out=unused"])
     given = {key: value for key, value in settings.items() if key not in chosen}
     plain = [text for text in overrides if text.partition("=")[0] not in chosen]
     try:

@@ -11,7 +11,6 @@ from torch import Tensor
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, unit
 from brafit.geometry.nearest import gather_rows, hermite, hermite_slope, nearest_on_curve, weighted
-from brafit.geometry.products import baddbmm
 
 Points = Float[Tensor, "batch m 3"]
 
@@ -24,8 +23,8 @@ def nearest_on_polyline(
     start, step = line[:, :-1], line[:, 1:] - line[:, :-1]
     square = dot(step, step).clamp_min(1e-30)[:, None]
     # (p - start) . step and |p - start|^2 without |p|^2, which does not depend on the segment
-    along = baddbmm(-dot(start, step)[:, None], points, step.mT)
-    away = baddbmm(dot(start, start)[:, None], points, start.mT, alpha=-2)
+    along = torch.baddbmm(-dot(start, step)[:, None], points, step.mT)
+    away = torch.baddbmm(dot(start, start)[:, None], points, start.mT, alpha=-2)
     place = (along / square).clamp(0, 1)
     segment = away.addcmul_(place, place * square - 2 * along).argmin(-1, keepdim=True)
     return segment[..., 0], place.gather(-1, segment)[..., 0]
@@ -113,7 +112,7 @@ def gaps_to_sheet(shape: CupShape, edge: int, sheet: Points, normals: Points) ->
     points = shape.edges[:, edge]
     with torch.no_grad():
         # |x - p|^2 without |x|^2, which does not depend on the point
-        away = baddbmm(dot(sheet, sheet)[:, None], points, sheet.mT, alpha=-2)
+        away = torch.baddbmm(dot(sheet, sheet)[:, None], points, sheet.mT, alpha=-2)
         index = away.argmin(-1)[..., None].expand(-1, -1, 3)
         feet, sliding = sheet.gather(1, index), normals.gather(1, index)
         n = points.shape[1]

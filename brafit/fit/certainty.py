@@ -163,12 +163,12 @@ def deviations(
     positions = linear.table[:, : linear.shape.edges[0, ..., 0].numel()].flatten(1, 2)[..., order]
     changes = flat.new_full((len(flat), count, flat.shape[1]), torch.nan)
     for k, (h, pulls) in enumerate(zip(hessian, noise, strict=True)):
-        factor, failed = torch.linalg.cholesky_ex(h)
+        factor, failed = torch.linalg.cholesky_ex(h.clone())
         values, vectors = torch.linalg.eigh(pulls[order][:, order])
         root = torch.cholesky_solve(vectors * values.clamp_min(0).sqrt(), factor)
         if int(failed) or not bool(root.isfinite().all()):
             continue
-        moved = positions[k] @ root
+        moved = positions[k].clone() @ root  # a product's rounding depends on where in memory its factors lie
         turn = torch.linalg.eigh(moved.mT @ moved).eigenvectors.flip(-1)[:, :count]
         directions = root @ turn
         changes[k] = 0.0

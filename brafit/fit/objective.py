@@ -231,7 +231,9 @@ class Objective:
         there = (gaps_to_line(shape, -1, line).vectors.norm(dim=-1) * station_weights(shape.stations)).sum(-1)
         back = gaps_to_points(shape, -1, line).vectors.norm(dim=-1).mean(-1)
         excess = 0.5 * (there + back) * self.targets.scale / limit
-        return torch.where(self.targets.has_neckline & (excess > 1), (_RESPONSE * excess.log()).exp(), 1.0)
+        # number by number: a vector's logarithms are rounded by where they stand in it
+        raised = excess.new_tensor([max(value, 1.0) ** _RESPONSE for value in excess.tolist()])
+        return torch.where(self.targets.has_neckline, raised, 1.0)
 
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:
         """Nearest points of the targets' clouds on the cups."""

@@ -20,6 +20,16 @@ def dot(a: Tensor, b: Tensor) -> Tensor:
     return product @ product.new_ones(product.shape[-1])
 
 
+def heading(y: Values, x: Values, size: Values) -> Values:
+    """atan2(y, x), where `size` is the length of (x, y): from tangents of half the angle, since the library's own is
+    rounded by where in a batch a number stands.
+    """
+    ahead = x >= 0
+    above = torch.where(ahead, y, size - x)
+    below = torch.where(ahead, size + x, y)
+    return 2 * torch.atan(above / below)
+
+
 def unit(v: Tensor) -> Tensor:
     """v / |v|; a zero vector stays zero, with zero gradient."""
     squared = dot(v, v)[..., None]

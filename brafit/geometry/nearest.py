@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from brafit.geometry.developable import dot, unit
-from brafit.geometry.products import baddbmm, weighted_rows
+from brafit.geometry.products import weighted_rows
 
 Points = Float[Tensor, "*batch points 3"]
 Edges = Float[Tensor, "*batch edges n 3"]
@@ -152,10 +152,10 @@ def sampled_distances(
     chunk = max(1, chunk_of(p) // max(1, len(p) * panels * n))
     for start in range(0, p.shape[1], chunk):
         q = p[:, start : start + chunk]
-        t = baddbmm(-offset[:, None, :], q, d.mT)
+        t = torch.baddbmm(-offset[:, None, :], q, d.mT)
         clamped = torch.minimum(t.clamp_min(0), length[:, None, :])
         # |q - x - t d|^2 without |q|^2, which does not depend on the ruling
-        squared = baddbmm(square[:, None, :], q, lower.mT, alpha=-2).addcmul_(clamped, clamped.sub(t, alpha=2))
+        squared = torch.baddbmm(square[:, None, :], q, lower.mT, alpha=-2).addcmul_(clamped, clamped.sub(t, alpha=2))
         found, index = squared.unflatten(-1, (panels, n)).min(-1)
         nearest[..., start : start + chunk] = index.movedim(-1, 0)
         least[..., start : start + chunk] = found.movedim(-1, 0)
@@ -446,7 +446,7 @@ def nearest_on_curve(
 ) -> tuple[Int[Tensor, "*batch points"], Float[Tensor, "*batch points"]]:
     """Interval and place in it, in [0, 1], of the nearest points of a cubic Hermite curve."""
     batch, n = points.shape[:-2], curve.shape[-2]
-    away = baddbmm(
+    away = torch.baddbmm(
         dot(curve, curve).reshape(-1, 1, n),
         points.reshape(-1, *points.shape[-2:]),
         curve.reshape(-1, n, 3).mT,

@@ -17,13 +17,6 @@ def bmm(a: Float[Tensor, "batch n m"], b: Float[Tensor, "batch m k"]) -> Float[T
     return torch.bmm(_two(a), _two(b))[: len(a)]
 
 
-def baddbmm(
-    c: Float[Tensor, "batch _ k"], a: Float[Tensor, "batch n m"], b: Float[Tensor, "batch m k"], alpha: float = 1.0
-) -> Float[Tensor, "batch n k"]:
-    """c + alpha a @ b for every item."""
-    return torch.baddbmm(_two(c), _two(a), _two(b), alpha=alpha)[: len(a)]
-
-
 def weighted_rows(weights: Float[Tensor, "batch m"], rows: Float[Tensor, "batch m k"]) -> Float[Tensor, "batch k"]:
     """Sum of the rows times their weights, for every item."""
     if rows.device.type != "cpu":

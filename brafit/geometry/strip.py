@@ -30,6 +30,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from brafit.geometry.developable import heading
 from brafit.geometry.grid import (
     chebyshev_analysis,
     chebyshev_derivative,
@@ -202,7 +203,7 @@ def strip(rates: Rates, phi: Angle, alpha: Angle, alpha_slope: Values, t: Values
     p = torch.addcmul(t_slope, rates.speed, alpha.sine, value=-1)
     q = torch.addcmul(rates.speed * alpha.cosine, t, spin, value=-1)
     speed = torch.addcmul(p * p, q, q).sqrt()
-    beta = Angle(torch.atan2(-p, q), -p / speed, q / speed)
+    beta = Angle(heading(-p, q, speed), -p / speed, q / speed)
     return Strip(phi, alpha, t, omega_xi, omega_eta, spin, p, q, beta, rates.speed, speed)
 
 

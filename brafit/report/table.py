@@ -53,7 +53,8 @@ def write_fit_json(path: str | Path, row: Mapping[str, Any], extra: Mapping[str,
 
 
 def write_summary(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write all rows as CSV: UTF-8, six significant digits, empty cells where there is no number, a reason in one line.
+    """Write all rows as CSV: UTF-8, six significant digits (no more than nine places), empty cells where there is no
+    number, a reason in one line.
 
     Raises:
         KeyError: a key of a row is not a column.
@@ -145,4 +146,5 @@ def _cell(value: Any) -> str:
     value = _plain(value)
     if value is None:
         return ""
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    # beyond nine places numbers are what rounding made of them, which need not be the same twice
+    return f"{round(value, 9):.6g}" if isinstance(value, float) else str(value)

@@ -39,6 +39,8 @@ def parted(arguments: Sequence[str]) -> tuple[dict[str, list[str]], dict[str, st
     fixed: dict[str, str] = {}
     for override in OverridesParser.create().parse_overrides(list(arguments)):
         key = override.get_key_element()
+        swept.pop(key, None)  # the last one counts
+        fixed.pop(key, None)
         if not override.is_sweep_override():
             fixed[key] = override.get_value_element_as_str()
         elif override.is_discrete_sweep():

@@ -185,7 +185,8 @@ def test_each_problem_is_as_if_alone_and_padding_does_not_matter():
         torch.testing.assert_close(alone.gradient[0], whole.gradient[k], rtol=1e-10, atol=1e-12)
         chosen = problem.select(torch.tensor([k])).evaluate(flat[k : k + 1], press.select(torch.tensor([k])))
         torch.testing.assert_close(chosen.value[0], whole.value[k], rtol=1e-13, atol=0)
-    problem.targets.points[1, 40:] = 100 * torch.randn(110, 3, dtype=torch.float64)
+    padded = problem.targets.points[1, 40:]
+    padded.copy_(100 * torch.randn(padded.shape, dtype=torch.float64))
     moved = problem.evaluate(flat, press)
     torch.testing.assert_close(moved.value, whole.value, rtol=1e-13, atol=0)
     torch.testing.assert_close(moved.gradient, whole.gradient, rtol=1e-10, atol=1e-12)

