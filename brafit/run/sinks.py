@@ -155,7 +155,7 @@ class Board(Sink):
         batches: so many batches' courses are recorded; TensorBoard becomes slow beyond some hundred.
     """
 
-    def __init__(self, scans: int = 16, batches: int = 50):
+    def __init__(self, scans: int = 4, batches: int = 50):
         self.watches = scans
         self._batches = batches
         self._folder = Path()

@@ -155,11 +155,10 @@ def _failure(
 
 
 def target_of(scan: Scan) -> Target:
-    """What the fit is told of a scan: the points that it has."""
+    """What a scan has: its points and marks."""
     return Target(
         name=scan.name,
         points=scan.points,
-        weights=point_weights(scan.points, scan.curve),
         wire=scan.wire,
         neckline=scan.neckline,
         strap_point=scan.strap_point,
@@ -168,9 +167,7 @@ def target_of(scan: Scan) -> Target:
 
 
 def bridged(scan: Scan) -> Target:
-    """The target of the fit: with the places that are assumed where the scan has no data."""
-    if not len(scan.assumed):
-        return target_of(scan)
+    """What the fit is told: also the places that are assumed where the scan has no data, and what each point weighs."""
     points = np.concatenate([scan.points, scan.assumed])
     return replace(target_of(scan), points=points, weights=point_weights(points, scan.curve))
 

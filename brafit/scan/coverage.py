@@ -58,7 +58,11 @@ def cell_areas(
     alone = np.ones(len(points))
     every = points
     if curve is not None:
-        foot = nearest_on(points, np.append(curve, curve[:1], axis=0))
+        line = np.append(curve, curve[:1], axis=0)
+        longest = float(np.linalg.norm(np.diff(line, axis=0), axis=1).max())
+        close = KDTree(curve).query(points, distance_upper_bound=reach + longest)[0] < np.inf
+        foot = np.full_like(points, np.inf)  # of points that are far from the curve nobody asks
+        foot[close] = nearest_on(points[close], line)
         away = np.linalg.norm(points - foot, axis=1)
         near = (away < reach) & (away > 0)
         alone[away == 0] = 0.5  # such a point is its own image: half of its cell lies outside
@@ -115,6 +119,6 @@ def uncovered_share(shape: CupShape, points: Float[np.ndarray, "n 3"], reach: fl
         along = (1 - u) * np.diff(lower, axis=0) + u * np.diff(upper, axis=0)
         places.append((middle_lower + u * ruling).reshape(-1, 3))
         areas.append(np.linalg.norm(np.cross(along, ruling), axis=-1).ravel())
-    distance = KDTree(points).query(np.concatenate(places))[0]
+    found = KDTree(points).query(np.concatenate(places), distance_upper_bound=reach)[0] < np.inf
     area = np.concatenate(areas)
-    return float(area[distance > reach].sum() / area.sum())
+    return float(area[~found].sum() / area.sum())
