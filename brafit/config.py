@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -307,6 +308,8 @@ def job_folder(overrides: str, number: int) -> str:
 def register() -> None:
     """Make the schema known to Hydra, under the names that the defaults lists in conf/ use."""
     OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
+    # Our settings of launchers have the names that everyone knows; Hydra takes the plugins' own for their schema.
+    warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
     store = ConfigStore.instance()
     store.store(name="config_schema", node=Config)
     for group, name, node in (

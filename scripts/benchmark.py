@@ -13,17 +13,22 @@ from __future__ import annotations
 import argparse
 import math
 import resource
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from hydra import compose, initialize_config_module
 from hydra.utils import instantiate
+from rescans import write_rescans
 from scipy.optimize import least_squares
 from torch import Tensor
 
@@ -35,6 +40,7 @@ from brafit.fit.loop import certainty, measured_cups, starting_problems, winners
 from brafit.fit.measure import flat_panels, in_millimetres, upper_edge_gap
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.targets import Targets
+from brafit.run.stages import bridged
 from brafit.scan import find_scans, load_scan
 from brafit.scan.synthetic import on_panels, quarter_sphere
 
@@ -425,7 +431,40 @@ def report_gpu(whole: list[Target], counts: Sequence[int], points: int) -> None:
             )
 
 
+def whole_run(scans: Path, *settings: str) -> tuple[float, float]:
+    """Wall and CPU seconds of the command on a folder, its whole process tree and everything included."""
+    with tempfile.TemporaryDirectory() as out:
+        command = [sys.executable, "-m", "brafit", f"scans='{scans}'", f"out='{out}/run'", *settings]
+        before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        wall, after = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def report_run(folder: str, rescans: int = 224) -> None:
+    """What a user waits for: the command, from its call to its last file; and the solver's own share of it."""
+    breasts_of, solver = Path(folder).resolve(), shipped()
+    with tempfile.TemporaryDirectory() as work:
+        many = Path(work)
+        write_rescans(breasts_of, many, rescans)
+        targets = [bridged(load_scan(path)) for path in find_scans([many])[:56]]
+        begun = time.process_time()
+        fit_targets(targets, partial(StripsCup, panels=2), *solver)
+        own = (time.process_time() - begun) / len(targets)
+        print(f"solver alone, batch of {len(targets)}, one core: {own:.3f} CPU s a scan")
+        count = len(find_scans([breasts_of]))
+        for scans, number in ((breasts_of, count), (many, rescans)):
+            for name, settings in (("default outputs", []), ("lean", ["experiment=lean"])):
+                wall, cpu = whole_run(scans, *settings)
+                print(
+                    f"{number} scans, {name}: {wall:.1f} s, {number / wall:.2f} scans/s, {cpu:.1f} CPU s"
+                    f" ({cpu / number:.3f} a scan, {cpu / number / own:.1f} times the solver's)",
+                    flush=True,
+                )
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
+    "run": lambda options: report_run(options.folder),
     "breasts": lambda options: report_breasts(breasts(options.folder)),
     "starts": lambda options: report_starts(breasts(options.folder)),
     "steps": lambda options: report_steps(breasts(options.folder)),

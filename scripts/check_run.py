@@ -279,7 +279,32 @@ def check_memory(folder: Path, work: Path) -> None:
     print(f"2,000 scans against 200: {peaks[1] / peaks[0]:.3f}")
 
 
+def check_cluster(folder: Path, work: Path, shards: int = 6, count: int = 60) -> None:
+    from ray.cluster_utils import Cluster  # pip install 'brafit[ray]'
+
+    scans = work / "scans"
+    write_rescans(folder, scans, count)
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    other = cluster.add_node(num_cpus=1)
+    listed = ",".join(f"{k}/{shards}" for k in range(1, shards + 1))
+    sweep = ["-m", "hydra/launcher=ray", f"hydra.launcher.ray.init.address='{cluster.address}'"]
+    sweep += ["hydra.launcher.ray.remote.num_cpus=1", f"dataset.shard={listed}"]
+    process = subprocess.Popen([*command(scans, work / "sweep", *LEAN), *sweep], stdout=subprocess.DEVNULL)
+    while len(list((work / "sweep").glob("*/*/fit.json"))) < count // 4 and process.poll() is None:
+        time.sleep(1)
+    cluster.remove_node(other, allow_graceful=False)
+    print(f"one of two nodes killed after {len(list((work / 'sweep').glob('*/*/fit.json')))} scans", flush=True)
+    cluster.add_node(num_cpus=1)
+    process.wait()
+    cluster.shutdown()
+    rows = content(work / "sweep" / "sweep.csv")
+    states = Counter(row["status"] for row in rows)  # type: ignore[union-attr]
+    print(f"exit status {process.returncode}, rows of {shards} jobs: {dict(states)} of {count} scans")
+
+
 PARTS = {"kill": check_kill, "poison": check_poison, "shards": check_shards, "memory": check_memory}
+MORE = {"cluster": check_cluster}
+"""Those that need more packages than brafit itself."""
 
 
 def main() -> None:
@@ -291,7 +316,7 @@ def main() -> None:
     for part in given.only.split(","):
         with tempfile.TemporaryDirectory(dir=given.work) as folder:
             print(f"== {part}", flush=True)
-            PARTS[part](given.folder.resolve(), Path(folder))
+            (PARTS | MORE)[part](given.folder.resolve(), Path(folder))
 
 
 if __name__ == "__main__":

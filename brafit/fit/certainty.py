@@ -188,12 +188,14 @@ def outline_spread(
         return flat.new_full((batch,), torch.nan)
     result = []
     each = max(1, _TOGETHER // max(1, count))
-    for rows in torch.arange(batch).split(each):
+    for some in torch.arange(batch).split(each):
+        # groups of one size: the last numbers of a tensor are rounded in another way than the others
+        rows = torch.cat((some, some[-1:].expand(each - len(some))))
         shape = cup.select(rows).sketch(flat[rows])
         changed = cup.select(rows.repeat_interleave(count)).sketch((flat[rows, None] + changes[rows]).view(-1, size))
         own, others = _complex(flat_panels(shape)), _complex(flat_panels(changed)).unflatten(0, (len(rows), count))
         spread = _across(own, others, _flat_tangents(shape, own), station_weights(shape.stations))
-        result.append(spread.flatten(1).amax(1))
+        result.append(spread.flatten(1).amax(1)[: len(some)])
     return torch.cat(result)
 
 

@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from brafit.geometry.developable import heading
 from brafit.geometry.grid import sliding_derivative, sliding_integral
 
 
@@ -46,7 +47,7 @@ def develop(
     turning = integral(geodesic * speed)
     a = integral(torch.cos(turning) * speed)[..., -1:]
     b = integral(torch.sin(turning) * speed)[..., -1:]
-    mu = turning - torch.atan2(b, a)  # (24) with the sign that brings the chord onto the v axis
+    mu = turning - heading(b, a, torch.sqrt(a * a + b * b))  # (24) with the sign that brings the chord onto the v axis
     lower = torch.stack((integral(torch.cos(mu) * speed), integral(torch.sin(mu) * speed)), dim=-1)
     leaning = mu + torch.pi / 2 + rib
     upper = lower + lengths[..., None] * torch.stack((torch.cos(leaning), torch.sin(leaning)), dim=-1)

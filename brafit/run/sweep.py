@@ -67,7 +67,7 @@ def gather(folder: Path, jobs: Sequence[SweepJob]) -> None:
     """Write sweep.csv and sweep.parquet (all rows of all jobs, `best` marks each scan's lowest RMS), index.html, and
     each job's settings and figures as hyperparameters for TensorBoard.
     """
-    tables = [(job, _rows(folder / job.folder / "summary.csv")) for job in jobs]
+    tables = [(job, _rows(folder / job.folder)) for job in jobs]
     swept = list(dict.fromkeys(key for job in jobs for key in job.overrides))
     rows = [{"job": job.folder, **job.overrides, **row, "best": ""} for job, table in tables for row in table]
     best: dict[str, dict[str, Any]] = {}
@@ -84,11 +84,13 @@ def gather(folder: Path, jobs: Sequence[SweepJob]) -> None:
     _hyperparameters(folder / "tensorboard", tables)
 
 
-def _rows(path: Path) -> list[dict[str, Any]]:
-    if not path.is_file():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+def _rows(folder: Path) -> list[dict[str, Any]]:
+    """The rows of a job's table, of the whole dataset or of its shard."""
+    rows = []
+    for path in sorted(folder.glob("summary*.csv")):
+        with path.open(encoding="utf-8", newline="") as file:
+            rows += list(csv.DictReader(file))
+    return rows
 
 
 def _number(value: Any) -> float | None:

@@ -18,7 +18,7 @@ def test_neighbours_are_those_of_what_is_left(share):
         before = {tuple(point): tuple(map(tuple, known.points[row[:12]])) for point, row in rows}
         kept[kept] = stays
         known, changed = known.among(stays)
-        distances, near = KDTree(points[kept]).query(points[kept], k=known.count)
+        distances, near = map(np.asarray, KDTree(points[kept]).query(points[kept], k=known.count))
         np.testing.assert_array_equal(known.points, points[kept])
         np.testing.assert_array_equal(known.near[:, : known.count], near.reshape(len(near), -1))
         np.testing.assert_allclose(known.distances[:, : known.count], distances.reshape(len(near), -1))
