@@ -140,14 +140,10 @@ class Wire(nn.Module):
         return Wire(wire.coefficients, wire.scale, off)
 
 
-DIGITS = 11
-"""Digits that numbers of a wire keep after the point: products and sums round differently from run to run."""
-
-
 def _from_samples(positions: np.ndarray, length: float, smoothing: float) -> Wire:
     """One wire from its positions at Chebyshev points of the arc length."""
-    scale = float(np.round(length / LENGTH, DIGITS))
-    coefficients = np.round(chebyshev_analysis(len(positions)) @ (positions / scale), DIGITS)
+    scale = length / LENGTH
+    coefficients = chebyshev_analysis(len(positions)) @ (positions / scale)
     numbers = (torch.tensor([v], dtype=torch.float64) for v in (scale, smoothing))
     return Wire(torch.from_numpy(coefficients)[None], *numbers)
 
