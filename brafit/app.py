@@ -26,7 +26,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
 from brafit import __version__
 from brafit.atomic import write_text
-from brafit.config import check, explain, from_settings, register, sources
+from brafit.config import check, explain, from_settings, help_text, register, sources
 from brafit.errors import BrafitError, ConfigError
 from brafit.run.job import REDO
 from brafit.run.recipe import recipe_from_settings
@@ -116,7 +116,10 @@ def main() -> None:
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register()
     try:
-        _hydra()
+        if sys.argv[1:] in (["--help"], ["-h"]):
+            print(help_text())
+        else:
+            _hydra()
     except KeyboardInterrupt:
         print("brafit: interrupted; what is finished is kept", file=sys.stderr)
         sys.exit(INTERRUPTED)

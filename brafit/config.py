@@ -355,6 +355,16 @@ def from_settings(settings: Sequence[str]) -> DictConfig:
     return config
 
 
+def help_text() -> str:
+    """What `brafit --help` shows. (Hydra's own way there looks through every group that any plugin brings, which takes
+    a second.)
+    """
+    words = OmegaConf.load(str(resources.files("brafit.conf").joinpath("hydra/help/brafit.yaml")))
+    with _own_hydra():
+        settings = OmegaConf.to_yaml(compose("config"))
+    return f"{words.header}\n{settings}\n{words.footer}"
+
+
 def choices_of(settings: Sequence[str]) -> dict[str, Any]:
     """Which choice of each group these settings make."""
     with _own_hydra():
