@@ -19,7 +19,7 @@ from torch import Tensor
 from brafit.cup.base import Linearised
 from brafit.fit.objective import Block, Objective, Pressure
 from brafit.geometry.nearest import Feet, Sums, project
-from brafit.geometry.products import total, weighted_rows
+from brafit.geometry.products import aligned, total, weighted_rows
 
 POINTS = 1 << 14
 """Points whose feet are held at a time, over all problems: what the processor's caches hold."""
@@ -164,11 +164,13 @@ class PointRows:
         feet, distances = projection.feet, projection.distances
         value, slope = objective.points_block(distances, problems).model()
         square = objective.mean_square(distances, problems)
-        order = feet.panel.argsort(dim=1, stable=True)
+        # Points that only fill the batch come last, and count in no product: how many there are depends on the batch.
+        panel = feet.panel.masked_fill(objective.targets.weights[problems] == 0, len(linear.reach))
+        order = panel.argsort(dim=1, stable=True)
         own = Feet(*(getattr(feet, f.name).gather(1, order) for f in fields(Feet)))
         directions = projection.directions.gather(1, order[..., None].expand_as(projection.directions))
         slope, distances = (v.gather(1, order) for v in (slope.expand_as(distances), distances))
-        counts = torch.stack([(feet.panel == i).sum(1) for i in range(len(linear.reach))], dim=1)
+        counts = torch.stack([(panel == i).sum(1) for i in range(len(linear.reach))], dim=1)
         sums = Sums.of(directions, own, shape.stations, edges.shape[1])
         table, reach = linear.table[problems], linear.reach
         return PointRows(value, square, feet, order, counts, slope, distances, sums, table, reach)
@@ -256,7 +258,7 @@ def gram(
     """J^T W J; on the CPU one problem at a time, so that rounding does not depend on the batch."""
     if jacobian.device.type != "cpu":
         return torch.bmm(jacobian.mT, jacobian * weights[..., None])
-    return torch.stack([j.mT @ (j * w[:, None]) for j, w in zip(jacobian, weights, strict=True)])
+    return torch.stack([aligned(j).mT @ (j * w[:, None]) for j, w in zip(jacobian, weights, strict=True)])
 
 
 def _add_nested_grams(
@@ -271,11 +273,13 @@ def _add_nested_grams(
     zero beyond their panel's reach.
     """
     end = start + jacobian.shape[1]
-    for own, rows, slope, numbers in zip(matrix, jacobian, weights, counts, strict=True):
-        first = 0
+    for item, own_rows, slope, numbers in zip(matrix, jacobian, weights, counts, strict=True):
+        own, rows, first = aligned(item), aligned(own_rows), 0
         for count, width in zip(numbers, reach, strict=True):
             low, high = max(first, start), min(first + count, end)
             first += count
             if low < high:
                 part = rows[low - start : high - start, :width]
                 own[:width, :width].addmm_(part.mT, part * slope[low - start : high - start, None])
+        if own is not item:
+            item.copy_(own)

@@ -11,6 +11,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+_LINE = 64
+"""Bytes at whose multiples memory begins that is got anew."""
+
 
 def bmm(a: Float[Tensor, "batch n m"], b: Float[Tensor, "batch m k"]) -> Float[Tensor, "batch n k"]:
     """a @ b for every item."""
@@ -52,6 +55,11 @@ def _solved(matrix: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
     solution = torch.linalg.solve_triangular(factor, right[..., None], upper=False)
     solution = torch.linalg.solve_triangular(factor.mT, solution, upper=True)[..., 0]
     return solution, (failed == 0) & solution.isfinite().all(-1)
+
+
+def aligned(values: Tensor) -> Tensor:
+    """The values where a product of matrices takes the same way wherever in a batch they come from."""
+    return values if values.data_ptr() % _LINE == 0 else values.clone()
 
 
 def _two(values: Tensor) -> Tensor:
