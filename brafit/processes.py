@@ -252,7 +252,7 @@ def serve(connection: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever sent for it decides what an interrupt means
     os.dup2(2, 1)  # the output is the caller's
     gc.freeze()  # what is imported stays: it need not be looked through again and again
-    _limit_memory()
+    limit_memory()
     _end_with_parent()
 
     def tell(content: Any) -> None:
@@ -289,7 +289,7 @@ def _end_with_parent() -> None:
         ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
 
 
-def _limit_memory() -> None:
+def limit_memory() -> None:
     """No more than the machine has: a damaged count must not bring it down."""
     try:
         import resource

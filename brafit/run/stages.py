@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from brafit import __version__
-from brafit.atomic import TEMPORARY
+from brafit.atomic import TEMPORARY, write_bytes
 from brafit.errors import BrafitError, InputError
 from brafit.fit import CupFit, Step, Target
 from brafit.pattern import Side
@@ -121,10 +121,9 @@ def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell:
         stale.unlink(missing_ok=True)
     result = result_of(recipe, loaded, cup)
     extra = _scan_facts(loaded, cup) | _provenance(recipe, ref.path)
+    if recipe.pattern.nest:  # before fit.json, which says that all is there
+        write_bytes(nest_file(out, loaded.name), pickle.dumps(result.patterns()))
     result.save(out / loaded.name, extra | {"position": ref.positions[k], "key": key})
-    if recipe.pattern.nest:
-        nest_file(out, loaded.name).parent.mkdir(parents=True, exist_ok=True)
-        nest_file(out, loaded.name).write_bytes(pickle.dumps(result.patterns()))
     return Done(
         ref.positions[k],
         loaded.name,

@@ -24,6 +24,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from brafit.errors import BrafitError
+from brafit.processes import limit_memory
 from brafit.scan.engine import Open3DError
 
 START_SECONDS = 120.0
@@ -192,24 +193,13 @@ def _readers() -> dict[str, Callable[..., dict[str, np.ndarray]]]:
     return {"ply": read_vertices, "mesh": read_mesh, "text": read_text, "pcd": read_pcd, "arrays": read_arrays}
 
 
-def _limit_memory() -> None:
-    """No more than the machine has: a damaged count must not bring it down."""
-    try:
-        import resource
-
-        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-        resource.setrlimit(resource.RLIMIT_AS, (total, resource.getrlimit(resource.RLIMIT_AS)[1]))
-    except (ImportError, ValueError, OSError):  # not on every system
-        return
-
-
 def _serve() -> None:
     requests = sys.stdin.buffer
     # What libraries print must not get between the replies.
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     readers = _readers()
-    _limit_memory()
+    limit_memory()
     _send(replies, ("ready", None))
     while True:
         try:
