@@ -280,7 +280,7 @@ def check_memory(folder: Path, work: Path) -> None:
 
 
 def check_cluster(folder: Path, work: Path, shards: int = 6, count: int = 60) -> None:
-    from ray.cluster_utils import Cluster  # pip install 'brafit[ray]'
+    from ray.cluster_utils import Cluster  # pyright: ignore[reportMissingImports]  # the extra "ray"
 
     scans = work / "scans"
     write_rescans(folder, scans, count)
