@@ -47,9 +47,9 @@ def fit(
     from brafit.app import plain_settings
     from brafit.config import choices_of, from_settings
     from brafit.fit import ResultCode, Target
+    from brafit.landmarks.cup_frame import frame_from_wire
     from brafit.result import Result
     from brafit.run.recipe import recipe_from_settings
-    from brafit.scan.frame import frame_from_wire
 
     cloud, line = _points("points", points, 1), _points("wire", wire, 4)
     upper = None if neckline is None else _points("neckline", neckline, 2)

@@ -14,23 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from brafit.anatomy import proposed_landmarks
 from brafit.atomic import write_text
+from brafit.cloud import FORMATS, Cloud, read_cloud
 from brafit.errors import BrafitError, InputError
-from brafit.scan import (
-    FORMATS,
-    Cloud,
-    Landmarks,
-    Scan,
-    find_scans,
-    landmarks_path,
-    landmarks_text,
-    load_sides,
-    proposed_landmarks,
-    read_breasts,
-    read_cloud,
-    scan_names,
-)
-from brafit.scan.units import MILLIMETRES, body_unit
+from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_breasts
+from brafit.landmarks.units import MILLIMETRES, body_unit
+from brafit.scan import Scan, find_scans, load_sides, scan_names
 
 ALL_OK, SOME_FAILED, NOTHING_RAN = 0, 1, 2
 

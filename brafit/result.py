@@ -19,6 +19,7 @@ from brafit.cup.shape import CupShape
 from brafit.fit import CupFit, Target
 from brafit.fit.certainty import outline_deviation
 from brafit.fit.measure import point_distances
+from brafit.landmarks import CupFrame
 from brafit.pattern import Pattern, PatternOptions, Piece, Side, deepest_point, finish, marks_on, pieces_from_panels
 from brafit.report.dimensions import Dimension, dimension_deviation, dimensions
 from brafit.report.mesh import (
@@ -33,7 +34,6 @@ from brafit.report.mesh import (
 from brafit.report.paper import PaperPanel, paper_gap, paper_panels
 from brafit.report.row import fitted_row
 from brafit.report.table import write_fit_json
-from brafit.scan import CupFrame
 
 FILES = (
     "patterns.svg", "patterns.dxf", "patterns.pdf", "patterns_sheet.pdf", "cup.ply", "cup.obj", "cup.glb", "points.ply",

@@ -42,7 +42,7 @@ from brafit.fit.objective import Objective, Pressure
 from brafit.fit.targets import Targets
 from brafit.run.stages import bridged
 from brafit.scan import find_scans, load_scan
-from brafit.scan.synthetic import on_panels, quarter_sphere
+from brafit.simulation.synthetic import on_panels, quarter_sphere
 
 POINTS = 2000
 RESTARTS = 3

@@ -42,7 +42,8 @@ from brafit.geometry.development import FlatPanel
 from brafit.geometry.fairness import EdgeCurvature
 from brafit.geometry.polyline import distances, evenly_spaced
 from brafit.pattern.piece import pieces_from_panels
-from brafit.scan import Scan, find_scans, load_scan, point_weights
+from brafit.scan import Scan, find_scans, load_scan
+from brafit.surface import point_weights
 
 POINTS = 2500
 """Points of a rescan."""

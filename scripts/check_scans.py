@@ -37,6 +37,8 @@ from hydra import compose, initialize_config_module
 from hydra.utils import instantiate
 from scipy.spatial import KDTree
 
+from brafit.anatomy import proposed_landmarks
+from brafit.cloud import read_cloud
 from brafit.config import register
 from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
@@ -44,21 +46,13 @@ from brafit.fit import CupFit, Target, fit_targets
 from brafit.fit.measure import point_distances
 from brafit.geometry.order import along_curve
 from brafit.geometry.polyline import evenly_spaced
-from brafit.scan import (
-    Landmarks,
-    Scan,
-    landmarks_path,
-    landmarks_text,
-    load_scan,
-    point_weights,
-    proposed_landmarks,
-    read_cloud,
-    read_landmarks,
-    uncovered_share,
-)
-from brafit.scan.checks import polyline_length
-from brafit.scan.gaps import gaps
-from brafit.scan.synthetic import on_panels
+from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_landmarks
+from brafit.landmarks.plausibility import polyline_length
+from brafit.report.uncovered import uncovered_share
+from brafit.scan import Scan, load_scan
+from brafit.simulation.synthetic import on_panels
+from brafit.surface import point_weights
+from brafit.surface.gaps import gaps
 
 PANELS = (2, 3)
 RESTARTS = 3

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from brafit.atomic import write_bytes, write_text
+from brafit.cloud import Cloud, read_cloud
 from brafit.errors import InputError
-from brafit.scan import Cloud, landmarks_path, read_cloud, read_landmarks
-from brafit.scan.clean import uncrowd
+from brafit.landmarks import landmarks_path, read_landmarks
+from brafit.surface.cleaning import uncrowd
 
 NAMES = ("anny_01", "anny_04", "anny_09")
 POINTS = 4000

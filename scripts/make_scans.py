@@ -4,8 +4,8 @@ With `--spheres` it needs no body: each scan is a quarter sphere on a half-circl
 radius and side, moved at random; its landmarks are exact.
 
 Bodies come from the package `anny` (the extra `bodies`: pip install 'brafit[bodies]'), whose shape data are CC0. Each
-becomes a simulated scan of the torso (`brafit.scan.scanner`), with noise, outliers, holes and shadows as asked, and a
-landmark file whose landmarks are proposed from the clean body: look at them with brafit-inspect.
+becomes a simulated scan of the torso (`brafit.simulation.scanner`), with noise, outliers, holes and shadows as asked,
+and a landmark file whose landmarks are proposed from the clean body: look at them with brafit-inspect.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from typing import Any
 
 import numpy as np
 
+from brafit.anatomy import proposed_landmarks
 from brafit.atomic import write_bytes, write_text
+from brafit.cloud.mesh import sample_faces
+from brafit.cloud.ply import cloud_ply
 from brafit.errors import BrafitError
-from brafit.scan import Landmarks, landmarks_path, landmarks_text, proposed_landmarks
-from brafit.scan.landmarks import SIDES
-from brafit.scan.mesh import sample_faces
-from brafit.scan.ply import cloud_ply
-from brafit.scan.scanner import Scanner, holes, simulate
-from brafit.scan.synthetic import quarter_sphere
+from brafit.landmarks import Landmarks, landmarks_path, landmarks_text
+from brafit.landmarks.file import SIDES
+from brafit.simulation.scanner import Scanner, holes, simulate
+from brafit.simulation.synthetic import quarter_sphere
 
 RANGES = {
     "age": (0.6, 0.95),

@@ -31,7 +31,7 @@ from brafit.geometry.developable import twist_determinant
 from brafit.geometry.development import FlatPanel
 from brafit.pattern import pieces_from_panels
 from brafit.report.figures import cup_figure, flat_figure, save_figure
-from brafit.scan.synthetic import PAPER_RADIUS, on_panels, quarter_sphere
+from brafit.simulation.synthetic import PAPER_RADIUS, on_panels, quarter_sphere
 
 R = PAPER_RADIUS
 POLE = torch.tensor([0.0, R, R], dtype=torch.float64)

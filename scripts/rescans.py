@@ -15,8 +15,10 @@ import numpy as np
 from tqdm import trange
 
 from brafit.atomic import write_bytes
-from brafit.scan import find_scans, landmarks_path, read_cloud
-from brafit.scan.ply import cloud_ply
+from brafit.cloud import read_cloud
+from brafit.cloud.ply import cloud_ply
+from brafit.landmarks import landmarks_path
+from brafit.scan import find_scans
 
 SHARE, NOISE = 0.8, 0.5
 """Share of the points that a rescan has, and the standard deviation (mm) of its noise in each coordinate."""

@@ -52,7 +52,7 @@ def dataset(
         InputError: no scan is found, or the table cannot be used.
         ConfigError: `shard` is not of that form.
     """
-    from brafit.scan.find import find_scans, passed_over, scan_names  # imports much, and not everyone gets here
+    from brafit.scan.discovery import find_scans, passed_over, scan_names  # imports much, and not everyone gets here
 
     if manifest is not None:
         rows, notes = read_manifest(manifest)

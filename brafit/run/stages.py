@@ -18,20 +18,23 @@ import torch
 
 from brafit import __version__
 from brafit.atomic import TEMPORARY, write_bytes
+from brafit.cloud import read_cloud
+from brafit.cloud.open3d_runtime import open3d
 from brafit.errors import BrafitError, InputError
 from brafit.fit import CupFit, Step, Target
 from brafit.pattern import Side
 from brafit.report.course import FitStep
 from brafit.report.row import failed_row, fitted_row
 from brafit.report.table import write_fit_json
+from brafit.report.uncovered import uncovered_share
 from brafit.result import FILES, Result
 from brafit.run.dataset import ScanRef
 from brafit.run.dataset import dataset as dataset_of
 from brafit.run.job import Done, common_cause
 from brafit.run.recipe import Recipe
 from brafit.run.store import key_of, nest_file, restored
-from brafit.scan import Scan, load_sides, point_weights, read_cloud, uncovered_share
-from brafit.scan.engine import open3d
+from brafit.scan import Scan, load_sides
+from brafit.surface import point_weights
 
 Tell = Callable[[Any], None]
 QUANTILES = {"median": 0.5, "p05": 0.05, "p95": 0.95}

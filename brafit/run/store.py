@@ -46,7 +46,7 @@ def key_of(ref: ScanRef, side: str | None, settings: Mapping[str, Any]) -> str:
 
     A file that cannot be read has an empty place in it; whoever loads it says what is wrong.
     """
-    from brafit.scan.landmarks import landmarks_path
+    from brafit.landmarks.file import landmarks_path
 
     digest = hashlib.sha256(json.dumps([relevant(settings), side], sort_keys=True, default=str).encode())
     for file in (ref.path, ref.landmarks or landmarks_path(ref.path)):

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from brafit.anatomy.torso import Body, apex_of, body_from_marks, body_of, wire_about, wire_laid
+from brafit.anatomy.wire_detection import Wire
+from brafit.cloud.read import Cloud
 from brafit.errors import InputError
-from brafit.scan.body import Body, apex_of, body_from_marks, body_of, wire_about, wire_laid
-from brafit.scan.checks import check_scan
-from brafit.scan.crease import Wire
-from brafit.scan.frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end
-from brafit.scan.landmarks import Landmarks
+from brafit.landmarks.cup_frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end
+from brafit.landmarks.file import Landmarks
+from brafit.landmarks.plausibility import check_scan
 from brafit.scan.marked import Marked, origin_of
-from brafit.scan.read import Cloud
-from brafit.scan.wires import wire_size
+from brafit.underwires.sizes import wire_size
 
 WIRE_POINTS = 51
 """Of a wire of a given size."""

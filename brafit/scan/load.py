@@ -13,20 +13,20 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from brafit.cloud.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud, read_cloud
 from brafit.errors import ConfigError, InputError
 from brafit.geometry.order import along_curve
-from brafit.scan.clean import Cleaned, Cleaning, check_settings, finish
-from brafit.scan.crop import facing, neckline_over
-from brafit.scan.frame import CupFrame
+from brafit.landmarks.cup_frame import CupFrame
+from brafit.landmarks.file import SIDES, landmarks_path
+from brafit.landmarks.units import MILLIMETRES, NAMES, Units
 from brafit.scan.framed import Framed, framed
-from brafit.scan.gaps import Gaps, gaps
-from brafit.scan.landmarks import SIDES, landmarks_path
 from brafit.scan.marked import Marked, origin_of, with_marks
-from brafit.scan.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud, read_cloud
 from brafit.scan.region import Gathered, Gathering
-from brafit.scan.surface import surface_of
-from brafit.scan.units import MILLIMETRES, NAMES, Units
-from brafit.scan.wires import wire_size
+from brafit.surface.cleaning import Cleaned, Cleaning, check_settings, finish
+from brafit.surface.cropping import facing, neckline_over
+from brafit.surface.gaps import Gaps, gaps
+from brafit.surface.normals import surface_of
+from brafit.underwires.sizes import wire_size
 
 DOUBT = "give or take 3 mm at the apex, 8 mm at wire ends and strap point, on some bodies 23 mm"
 """How far proposed landmarks lay off those that were given, on clouds of 14 bodies: median, and largest."""
@@ -140,14 +140,14 @@ def load_scan(
     Args:
         path: the cloud's file, or the cloud where it has been read; its landmark file has the same stem and the
             extension `.json`.
-        points, outliers, neighbours: see `brafit.scan.clean` (there `points` is `count`).
+        points, outliers, neighbours: see `brafit.surface.cleaning` (there `points` is `count`).
         name: name of the scan; the file's stem if None.
         side: the breast to take, `left` or `right`; None: the one that the landmark file marks (first). One that it
             does not mark gets the other's marks, mirrored at the body's plane of symmetry.
-        units: unit of cloud and landmark file, one of `brafit.scan.units.MILLIMETRES`; None: what the landmark file
-            says, else found.
+        units: unit of cloud and landmark file, one of `brafit.landmarks.units.MILLIMETRES`; None: what the landmark
+            file says, else found.
         wire: None: as the landmark file has it, detected where it has none; `detect`: always detected; a size of
-            `brafit.scan.wires`: a wire of that size, placed best.
+            `brafit.underwires.sizes`: a wire of that size, placed best.
         propose: propose landmarks where there is no landmark file.
         symmetry: take the points of both breasts of a torso for either cup, where they are mirror images within
             `brafit.scan.region.ALIKE`.

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from brafit.anatomy.torso import TORSO_SIZE, proposed_landmarks
+from brafit.cloud.read import Cloud
 from brafit.errors import InputError
-from brafit.scan.body import TORSO_SIZE, proposed_landmarks
-from brafit.scan.checks import polyline_length
-from brafit.scan.landmarks import Landmarks, read_breasts
-from brafit.scan.read import Cloud
-from brafit.scan.symmetry import Mirror, mirror_of
-from brafit.scan.units import MILLIMETRES, NAMES, Units, body_unit, cloud_unit, wire_unit
+from brafit.landmarks.file import Landmarks, read_breasts
+from brafit.landmarks.plausibility import polyline_length
+from brafit.landmarks.units import MILLIMETRES, NAMES, Units, body_unit, cloud_unit, wire_unit
+from brafit.surface.symmetry import Mirror, mirror_of
 
 MIRROR_RMS = 3.0
 """Largest rms (mm) between a body and its mirror image at which marks are carried over to its other side."""

@@ -10,15 +10,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
+from brafit.cloud.read import MIN_POINTS
 from brafit.errors import InputError
-from brafit.scan.checks import is_one_breast, polyline_length
-from brafit.scan.clean import Tidy, tidy
-from brafit.scan.frame import CupFrame
+from brafit.landmarks.cup_frame import CupFrame
+from brafit.landmarks.file import Landmarks
+from brafit.landmarks.plausibility import is_one_breast, polyline_length
 from brafit.scan.framed import Framed, frame_of
-from brafit.scan.landmarks import Landmarks
 from brafit.scan.marked import MIRROR_RMS, Marked
-from brafit.scan.read import MIN_POINTS
-from brafit.scan.symmetry import Mirror, apart
+from brafit.surface.cleaning import Tidy, tidy
+from brafit.surface.symmetry import Mirror, apart
 
 REGION, MARGIN = 0.8, 40.0
 """What lies farther from the middle of the wire than so many wire lengths, and so many mm farther than the upper line,

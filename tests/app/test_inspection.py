@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from brafit.inspection import main
+from brafit.landmarks import landmarks_path, read_landmarks
 from brafit.samples import sample_paths
-from brafit.scan import landmarks_path, read_landmarks
-from brafit.scan.find import passed_over
+from brafit.scan.discovery import passed_over
 
 
 def inspect(*arguments) -> int:

@@ -16,7 +16,7 @@ from brafit.fit import Anneal, Conditions, ResultCode, Stage, Step, Target, fit_
 from brafit.fit.anneal import whitening
 from brafit.fit.objective import Objective
 from brafit.fit.targets import Targets
-from brafit.scan.synthetic import on_panels
+from brafit.simulation.synthetic import on_panels
 
 CONDITIONS = Conditions(connection=0.0, barrier=0.1, fairness=0.0)
 SHORT = [Stage("adam", 10, 1.0), Stage("lbfgs", 20, 10.0), Stage("lbfgs", 20, 100.0)]

@@ -16,7 +16,7 @@ from brafit.fit.measure import flat_panels
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.targets import Targets
 from brafit.geometry.development import FlatPanel, arc_lengths
-from brafit.scan.synthetic import on_panels
+from brafit.simulation.synthetic import on_panels
 
 SEEDS = 24
 NOISE = 0.006

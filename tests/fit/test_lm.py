@@ -13,7 +13,7 @@ from brafit.fit.measure import flat_panels, upper_edge_gap
 from brafit.fit.normal import PointRows, normal_equations
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.targets import Targets
-from brafit.scan.synthetic import on_panels, quarter_sphere
+from brafit.simulation.synthetic import on_panels, quarter_sphere
 
 STAGES = [
     LMStage(steps=30, terms=4, points=200, tolerance=1e-3),

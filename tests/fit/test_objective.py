@@ -12,7 +12,7 @@ from brafit.cup import CupShape
 from brafit.fit import Conditions, Target
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.targets import Targets
-from brafit.scan.synthetic import on_panels
+from brafit.simulation.synthetic import on_panels
 
 SCALE = 80.0
 

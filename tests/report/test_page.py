@@ -16,10 +16,10 @@ from lunes import RADIUS, lune_cup, lune_flat, sphere_points
 
 from brafit.fit import CupFit, ResultCode, Target
 from brafit.fit.measure import point_distances
+from brafit.landmarks import CupFrame
 from brafit.pattern import PatternOptions, Side
 from brafit.report.index import write_index
 from brafit.result import Result
-from brafit.scan import CupFrame
 
 ROOT = Path(__file__).parents[2]
 APEX = np.array([RADIUS * np.sin(np.pi / 4), RADIUS + 7.0, RADIUS * np.sin(np.pi / 4) + 6.0])

@@ -14,8 +14,9 @@ from breasts import (
 )
 
 from brafit.errors import InputError
+from brafit.landmarks import landmarks_path
 from brafit.samples import sample_paths
-from brafit.scan import landmarks_path, load_scan
+from brafit.scan import load_scan
 
 TOGETHER = "Check that the landmark file belongs to breast.ply and is in the same frame."
 

@@ -9,11 +9,13 @@ import json
 import numpy as np
 import pytest
 from breasts import cup_frame_points, write_breast, write_ply
-from test_symmetry import torso, write
+from torsos import torso, write
 
+from brafit.cloud import read_cloud, worker
 from brafit.errors import InputError
+from brafit.landmarks import landmarks_path
 from brafit.samples import sample_paths
-from brafit.scan import Scan, landmarks_path, load_scan, load_sides, read_cloud, worker
+from brafit.scan import Scan, load_scan, load_sides
 
 
 def same(one: Scan, other: Scan) -> bool:

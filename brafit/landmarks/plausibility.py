@@ -1,0 +1,112 @@
+"""Is this a breast in millimetres with its wire on it? One error each for what usually goes wrong.
+
+Measured on scans of 14 breasts: wire length 186 to 273 mm; diagonal of the cloud's box 1.0 to 1.3 wire lengths (whole
+torsos: 3.8 to 5.3); half of the points within 0.28 to 0.37 wire lengths from the middle of the wire (torsos: 0.9 to
+1.4); median distance from wire points to the cloud 0.5 to 2.1 mm, and 7.8 mm or more for a tenth of them where the
+breast hides the wire. The bounds here are wide around these.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from brafit.cloud.read import FLAG, MIN_POINTS, Cloud
+from brafit.errors import InputError
+from brafit.landmarks.file import POINT_NAMES, Landmarks
+from brafit.landmarks.units import NAMES, WIRE_USUAL, unit_of
+from brafit.surface.neighbours import distances_to
+
+WIRE_LENGTH = (80.0, 600.0)
+"""Lengths of a wire, mm."""
+CLOUD_SIZE = 0.6
+"""Least diagonal of the cloud's box over the wire length."""
+WIRE_DISTANCE = 30.0
+"""Largest median distance from wire to cloud, mm."""
+MARK_DISTANCE = 50.0
+"""Largest distance from a marked point to the cloud, mm."""
+BREAST_REACH = 0.6
+"""Largest median distance of the points from the middle of the wire, over the wire length."""
+
+
+def check_scan(cloud: Cloud, landmarks: Landmarks) -> None:
+    """Refuse a scan whose cloud and landmarks (both in millimetres) cannot be what they should be.
+
+    Raises:
+        InputError: wire of an impossible length; cloud too small for it; wire or marks away from the cloud; too few
+            points flagged inside.
+    """
+    if landmarks.wire is not None:
+        length = polyline_length(landmarks.wire)
+        _check_wire_length(landmarks.path, length)
+        _check_cloud_size(cloud.path, cloud.points, length)
+    _check_distances(landmarks, cloud)
+    if cloud.inside is not None:
+        _check_flag(cloud.path, cloud.inside)
+
+
+def is_one_breast(points: Float[np.ndarray, "n 3"], wire: Float[np.ndarray, "k 3"]) -> bool:
+    """Whether a cloud holds a breast and its margin only: half of its points are near the middle of the wire."""
+    reach = float(np.median(np.linalg.norm(points - wire.mean(axis=0), axis=1)))
+    return reach <= BREAST_REACH * polyline_length(wire)
+
+
+def polyline_length(line: Float[np.ndarray, "k 3"]) -> float:
+    """Sum of the lengths of a polyline's segments."""
+    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+
+
+def _check_wire_length(file: Path, length: float) -> None:
+    low, high = WIRE_LENGTH
+    if low <= length <= high:
+        return
+    cause = f"wire: {length:.4g} mm long, it must be {low:g} to {high:g} mm"
+    unit = unit_of(length, WIRE_LENGTH, WIRE_USUAL)
+    if unit:
+        raise InputError(file, cause, f'It looks like {NAMES[unit]}: write "units": "{unit}", or set scan.units={unit}')
+    remedy = "Check the unit, and that the points are in order from the inner to the outer end"
+    raise InputError(file, cause, remedy)
+
+
+def _check_cloud_size(file: Path, points: np.ndarray, length: float) -> None:
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if size < CLOUD_SIZE * length:
+        distinct = len(np.unique(points, axis=0))
+        if distinct < MIN_POINTS:
+            cause = f"only {distinct} of its {len(points)} points are distinct"
+            raise InputError(file, cause, "Export the cloud again, or scan again")
+        cause = f"the whole cloud is only {size:.3g} mm across, its wire is {length:.0f} mm long"
+        raise InputError(
+            file, cause, "Check that cloud and landmark file belong together, and their units (scan.units)"
+        )
+
+
+def _check_distances(landmarks: Landmarks, cloud: Cloud) -> None:
+    remedy = f"Check that the landmark file belongs to {cloud.path.name} and is in the same frame"
+    lines = {"wire": landmarks.wire, "upper_line": landmarks.upper_line}
+    marks = {f"landmarks.{name}": landmarks.points[name][None] for name in POINT_NAMES if name in landmarks.points}
+    given = {name: line for name, line in lines.items() if line is not None} | marks
+    if not given:
+        return
+    places = np.concatenate(list(given.values()))
+    ends = np.cumsum([len(line) for line in given.values()])[:-1]
+    for name, away in zip(given, np.split(distances_to(cloud.points, places, MARK_DISTANCE), ends), strict=True):
+        limit = WIRE_DISTANCE if name in lines else MARK_DISTANCE
+        if np.median(away) > limit:
+            far = float(np.median(distances_to(cloud.points, given[name], np.inf)))
+            where = f"{far:.0f} mm away from the cloud"
+            if name in lines:
+                where = f"nowhere near the cloud, {far:.0f} mm away from it"
+            raise InputError(landmarks.path, f"{name}: {where}", remedy)
+
+
+def _check_flag(file: Path, inside: Bool[np.ndarray, " n"]) -> None:
+    count = int(inside.sum())
+    if count < MIN_POINTS:
+        raise InputError(
+            file,
+            f"only {count} of {len(inside)} points are flagged '{FLAG}', at least {MIN_POINTS} are needed",
+            f"Set '{FLAG}' to 1 for the points between wire and upper line, or remove the property to use all points",
+        )

@@ -1,0 +1,105 @@
+"""Which unit a scan is in: said by a setting or the landmark file, or found from the wire or the body, never guessed.
+
+A length between two bounds that lie closer together than two units do can only be in one of them. Where a second unit
+would do as well, the scan is refused with the setting that decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from brafit.errors import InputError
+from brafit.surface.neighbours import distances_to
+
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
+"""Units that are read, and how many millimetres each is."""
+NAMES = {"mm": "millimetres", "cm": "centimetres", "in": "inches", "m": "metres"}
+WIRE_POSSIBLE, WIRE_USUAL = (80.0, 600.0), (140.0, 330.0)
+"""Lengths of a wire, mm: of any that can be worn; of most."""
+DEPTH_POSSIBLE, DEPTH_USUAL = (130.0, 450.0), (190.0, 345.0)
+"""Depth of a torso, mm: the smallest extent of a scan of one, arms and legs included or not."""
+NEAR = 30.0
+"""Median distance (mm) within which marks lie on their cloud."""
+DISTINCT = 3.0
+"""Times that another unit must do worse for one to be certain."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of a scan's files, and whether they were said or found.
+
+    Attributes:
+        cloud, marks: one of `MILLIMETRES`.
+        found: what they were found from; empty if they were said.
+    """
+
+    cloud: str
+    marks: str
+    found: str = ""
+
+
+def unit_of(value: float, possible: tuple[float, float], usual: tuple[float, float]) -> str | None:
+    """The only unit in which a length lies within the bounds, or the only usual one; None if that is not clear."""
+    for low, high in (possible, usual):
+        fitting = [unit for unit, factor in MILLIMETRES.items() if low <= value * factor <= high]
+        if len(fitting) == 1:
+            return fitting[0]
+    return None
+
+
+def wire_unit(file: Path, length: float) -> str:
+    """The unit of a wire of this length.
+
+    Raises:
+        InputError: two would do, or none.
+    """
+    unit = unit_of(length, WIRE_POSSIBLE, WIRE_USUAL)
+    if unit is None:
+        raise InputError(file, f"units: a wire of length {length:.4g} can be in none or in two units", _remedy(file))
+    return unit
+
+
+def body_unit(file: Path, points: Float[np.ndarray, "n 3"]) -> str:
+    """The unit of a scan of a torso or a body, from its depth.
+
+    Raises:
+        InputError: two would do, or none.
+    """
+    depth = body_depth(points)
+    unit = unit_of(depth, DEPTH_POSSIBLE, DEPTH_USUAL)
+    if unit is None:
+        cause = f"units: a body whose depth is {depth:.4g} can be in none or in two units"
+        raise InputError(file, cause, _remedy(file))
+    return unit
+
+
+def body_depth(points: Float[np.ndarray, "n 3"]) -> float:
+    """Smallest extent along the principal axes, between the 1st and the 99th percentile."""
+    centred = points - np.median(points, axis=0)
+    # Stray points far away must not turn the axes.
+    size = np.linalg.norm(centred, axis=1)
+    core = centred[size <= 3 * np.median(size)]
+    axes = np.linalg.eigh(core.T @ core)[1]
+    low, high = np.quantile(core @ axes, (0.01, 0.99), axis=0)
+    return float((high - low).min())
+
+
+def cloud_unit(points: Float[np.ndarray, "n 3"], marks: Float[np.ndarray, "k 3"]) -> str | None:
+    """The unit in which marks (millimetres) lie on a cloud; None if that is not clear."""
+    away = {}
+    for unit, factor in MILLIMETRES.items():
+        # What is farther than this compares as what is infinitely far.
+        distances = distances_to(points, marks / factor, DISTINCT * NEAR / factor)
+        away[unit] = factor * float(np.median(distances))
+    best, *others = sorted(away, key=lambda unit: away[unit])
+    clear = away[best] < NEAR and all(away[unit] > max(DISTINCT * away[best], NEAR / 2) for unit in others)
+    return best if clear else None
+
+
+def _remedy(file: Path) -> str:
+    choice = ", ".join(MILLIMETRES)
+    return f'Say which: scan.units=UNIT, or "units": "UNIT" in the landmark file, with UNIT one of {choice}'

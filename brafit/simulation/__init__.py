@@ -1,0 +1,1 @@
+"""Clouds with a known truth: a simulated scanner, points on given surfaces."""

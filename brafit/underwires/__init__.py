@@ -1,0 +1,1 @@
+"""Underwires that can be bought: their sizes as arcs."""

@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+import json
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+from breasts import cup_frame_landmarks, write_landmarks
+
+from brafit.errors import InputError
+from brafit.landmarks import landmarks_path, landmarks_text, read_breasts, read_landmarks
+from brafit.samples import sample_paths
+
+SEE = "See brafit/landmarks/landmarks.schema.json for the format."
+TRIPLE = "Give three finite numbers [x, y, z]."
+
+
+def message(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        read_landmarks(path)
+    line = str(caught.value)
+    assert line.startswith(f"{path}: ")
+    assert "\n" not in line
+    return line.removeprefix(f"{path}: ")
+
+
+def changed(folder: Path, **changes) -> Path:
+    landmarks = {**cup_frame_landmarks(), **changes}
+    return write_landmarks(folder / "a.json", {key: value for key, value in landmarks.items() if value is not None})
+
+
+def test_all_fields_are_read(tmp_path):
+    landmarks = cup_frame_landmarks()
+    marks = read_landmarks(changed(tmp_path, name="Anna", frame="x = left", extra={"mid_shoulder": [1, 2, 3]}))
+    assert (marks.name, marks.side) == ("Anna", "left")
+    np.testing.assert_array_equal(marks.wire, landmarks["wire"])
+    np.testing.assert_array_equal(marks.upper_line, landmarks["upper_line"])
+    assert list(marks.points) == ["inner_end", "outer_end", "wire_bottom", "apex", "strap_point"]
+    np.testing.assert_array_equal(marks.points["apex"], landmarks["landmarks"]["apex"])
+
+
+def test_only_wire_and_side_are_required(tmp_path):
+    marks = read_landmarks(changed(tmp_path, units=None, landmarks=None, upper_line=None))
+    assert (marks.name, marks.points, marks.upper_line) == ("a", {}, None)
+
+
+def test_repeated_wire_points_are_dropped(tmp_path):
+    wire = [[0, 0, 0], [0, 0, 0], [1, 2, 0], [2, 3, 0], [2, 3, 0], [3, 3, 0]]
+    read = read_landmarks(changed(tmp_path, wire=wire)).wire
+    assert read is not None
+    assert len(read) == 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"side": None}, f"side: missing. Add the field side. {SEE}"),
+        (
+            {"wire": None, "wires": []},
+            "wire: missing; 'wires' looks like it. Rename 'wires' to 'wire', or remove it.",
+        ),
+        (
+            {"upper_line": None, "Upper-Line": []},
+            "upper_line: missing; 'Upper-Line' looks like it. Rename 'Upper-Line' to 'upper_line', or remove it.",
+        ),
+        (
+            {"landmarks": {"apx": [1, 2, 3]}},
+            "landmarks.apex: missing; 'apx' looks like it. Rename 'apx' to 'apex', or remove it.",
+        ),
+        ({"side": "links"}, 'side: "links" is neither "left" nor "right". Name the wearer\'s side.'),
+        (
+            {"units": "feet"},
+            'units: "feet" is none of "mm", "cm", "in", "m". Write one of these, or leave it out.',
+        ),
+        ({"landmarks": {"apex": [1, 2]}}, f"landmarks.apex: 2 numbers, not 3. {TRIPLE}"),
+        ({"landmarks": {"apex": [1, "2", 3]}}, f'landmarks.apex: "2" is not a number. {TRIPLE}'),
+        ({"landmarks": {"apex": [1, True, 3]}}, f"landmarks.apex: true is not a number. {TRIPLE}"),
+        ({"landmarks": {"apex": [1, float("nan"), 3]}}, f"landmarks.apex: NaN is not finite. {TRIPLE}"),
+        ({"landmarks": {"apex": {"x": 1}}}, f"landmarks.apex: an object, not a point. {TRIPLE}"),
+        (
+            {"landmarks": [[1, 2, 3]]},
+            f'landmarks: a list, not an object with named points. Write {{"apex": [x, y, z], ...}}. {SEE}',
+        ),
+        (
+            {"wire": [[0, 0, 0], [100, 0, 0]]},
+            "wire: 2 distinct points, at least 4 are needed. "
+            "Trace the line with 4 points or more, from end to end (20 to 50 are good).",
+        ),
+        (
+            {"wire": [[0, 0, 0], [1, 0, 0]] * 4},
+            "wire: 2 distinct points, at least 4 are needed. "
+            "Trace the line with 4 points or more, from end to end (20 to 50 are good).",
+        ),
+        ({"wire": [[0, 0, 0], [1, float("inf"), 0]]}, f"wire[1]: Infinity is not finite. {TRIPLE}"),
+        ({"wire": "bow"}, f"wire: a text, not a list of points. Write [[x, y, z], ...]. {SEE}"),
+        ({"name": 7}, "name: 7 is not a text. Give the scan's name in quotes, or leave it out."),
+    ],
+)
+def test_a_bad_field_is_named(tmp_path, changes, expected):
+    assert message(changed(tmp_path, **changes)) == expected
+
+
+def test_a_file_that_is_no_landmark_file(tmp_path):
+    path = tmp_path / "a.json"
+    assert message(path) == f"there is no such landmark file. Write it beside the cloud. {SEE}"
+    path.write_text('{"side": "left",\n "wire" [[1, 2, 3]]}')
+    assert message(path) == (
+        "is not valid JSON (line 2, column 9: Expecting ':' delimiter). Correct the file at that place."
+    )
+    path.write_text("[1, 2]")
+    assert message(path) == f"holds a list, not an object with named fields. {SEE}"
+    path.write_bytes(b"\xff\xfe\x00\x01\x80")
+    assert message(path) == f"is not a JSON text file. Write the landmarks as JSON. {SEE}"
+
+
+def test_samples_agree_with_the_schema():
+    jsonschema = pytest.importorskip("jsonschema")
+    text = resources.files("brafit.landmarks").joinpath("landmarks.schema.json").read_text(encoding="utf-8")
+    validator = jsonschema.Draft202012Validator(json.loads(text))
+    for cloud in sample_paths():
+        validator.validate(json.loads(landmarks_path(cloud).read_text(encoding="utf-8")))
+    assert not validator.is_valid({"side": "left", "wire": [[0, 0, 0], [100, 0, 0]]})
+    assert not validator.is_valid({"side": "left", "units": "feet", "wire": [[0, 0, 0]] * 4})
+
+
+def test_both_breasts_of_a_file(tmp_path):
+    left = {key: value for key, value in cup_frame_landmarks().items() if key != "units"}
+    path = tmp_path / "a.json"
+    write_landmarks(path, {"units": "cm", "breasts": [left, {**left, "side": "right", "wire": None}]})
+    assert [(marks.side, marks.units, marks.wire is None) for marks in read_breasts(path)] == [
+        ("left", "cm", False),
+        ("right", "cm", True),
+    ]
+    assert read_landmarks(path, "right").side == "right"
+    again = tmp_path / "b.json"
+    again.write_text(landmarks_text(read_breasts(path)))
+    for first, second in zip(read_breasts(path), read_breasts(again), strict=True):
+        assert (first.side, first.units) == (second.side, second.units)
+        np.testing.assert_allclose(second.positions(), first.positions(), atol=1e-3)
+    write_landmarks(path, {"breasts": [left, left]})
+    assert message(path) == "breasts: the left one twice. Give each side once."
+    write_landmarks(path, {"side": "left", "breasts": [left]})
+    assert message(path) == "side: stands beside breasts, but belongs into it. Write it in each of breasts."
