@@ -1,9 +1,11 @@
-"""`brafit.fit`: a cup from arrays, without files."""
+"""`brafit.fit`: a cup from a scan, a file or arrays, by the same road as the command's."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,68 +14,114 @@ from brafit.errors import InputError
 
 if TYPE_CHECKING:
     from brafit.fit.solver import Callback
+    from brafit.landmarks import Landmarks
     from brafit.result import Result
+    from brafit.scan import Scan
 
 
 def fit(
-    points: ArrayLike,
+    points: Scan | str | Path | ArrayLike,
     *,
-    wire: ArrayLike,
-    side: str = "left",
+    wire: ArrayLike | None = None,
+    side: str | None = None,
     neckline: ArrayLike | None = None,
     strap_point: ArrayLike | None = None,
     apex: ArrayLike | None = None,
-    name: str = "cup",
+    inside: ArrayLike | None = None,
+    name: str | None = None,
     settings: Sequence[str] = (),
     callback: Callback | None = None,
 ) -> Result:
-    """Fit a cup to points.
+    """Fit a cup to a scan: checked, cleaned, fitted and judged as the command does it, with the same numbers.
 
     Args:
-        points: (n, 3) the breast's surface, in millimetres, in any frame. All are used, as they are.
-        wire: (k, 3) the wire line, inner end first, in the same frame; at least 4 distinct points.
-        side: the wearer's `left` or `right` breast.
-        neckline: (m, 3) the wanted upper edge, inner end first.
-        strap_point, apex: (3) where the strap is sewn on, and the bust point.
-        name: for labels and files.
-        settings: as on the command line: `["cup.panels=3", "pattern.allowance.wire=8"]`. Those that say where scans are
-            found and how they are cleaned have no effect.
+        points: what to fit: a `Scan` (its points and marks are taken as they are), a cloud's file with its landmark
+            file beside it, or the points themselves, (n, 3), in millimetres, in any frame: of one breast or a torso.
+        wire: with points: (k, 3) the wire line, inner end first, in their frame; at least 4 distinct points.
+        side: the wearer's `left` or `right` breast. With points: `left` if it is not given. With a file: the side that
+            its landmark file marks.
+        neckline: with points: (m, 3) the wanted upper edge, from end to end of the wire.
+        strap_point, apex: with points: (3) where the strap is sewn on, and the bust point.
+        inside: with points: (n) true for those between wire and neckline. Without it the breast is cut out by wire and
+            neckline.
+        name: for labels and files; that of the scan or the file if it is not given.
+        settings: as on the command line: `["cup.panels=3", "pattern.allowance.wire=8"]`. `scan.points=null` and
+            `scan.outliers=null` keep all points; `scan.units=in` says that points and marks are in inches.
         callback: told of every step of the fit.
 
     Raises:
-        InputError: arrays that are no points, or a wire that is no bow.
+        InputError: an input that cannot be used, or whose cup is none: not developable, or no likeness of the points.
         ConfigError: a setting that does not exist or is out of its range.
     """
     from brafit.app import plain_settings
     from brafit.config import choices_of, from_settings
-    from brafit.fit import ResultCode, Target
-    from brafit.landmarks.cup_frame import frame_from_wire
-    from brafit.result import Result
+    from brafit.run.fitting import fitted, result_of
     from brafit.run.recipe import recipe_from_settings
+    from brafit.scan import Scan, load_scan
 
-    cloud, line = _points("points", points, 1), _points("wire", wire, 4)
-    upper = None if neckline is None else _points("neckline", neckline, 2)
-    marks = {key: None if m is None else _mark(key, m) for key, m in (("strap_point", strap_point), ("apex", apex))}
-    if side not in ("left", "right"):
-        raise InputError("side", f"{side!r} is neither 'left' nor 'right'", "Name the wearer's side")
     recipe = recipe_from_settings(plain_settings(from_settings([*settings, "out=unused"])), choices_of(settings))
-    front = np.median(cloud, axis=0) if marks["apex"] is None else marks["apex"]
-    frame = frame_from_wire(line, side, front, "wire")
-    target = Target(
-        name=name,
-        points=frame.to_cup(cloud),
-        wire=frame.to_cup(line),
-        neckline=None if upper is None else frame.to_cup(upper),
-        **{key: None if mark is None else frame.to_cup(mark) for key, mark in marks.items()},
-    )
-    (found,) = recipe.fit([target], callback)
-    if found.code is ResultCode.DIVERGED:
-        raise InputError(name, found.reason, "Check that points and wire are in millimetres and in the same frame")
-    given = {"points": f"given ({len(cloud)})", "wire": f"given ({len(line)} points)", "side": f"given ({side})"}
-    given["neckline"] = "none given: only the points say where the cup ends" if upper is None else "given"
-    given["strap point"] = "none given" if strap_point is None else "given"
-    given["apex"] = "not given: the cup's point farthest from the chest" if apex is None else "given"
-    return Result(found, target, "right" if side == "right" else "left", frame, recipe.pattern, given, recipe.model)
+    arrays = {
+        "wire": wire,
+        "neckline": neckline,
+        "strap_point": strap_point,
+        "apex": apex,
+        "inside": inside,
+    }
+    if isinstance(points, Scan | str | Path):
+        _refuse_beside(points, arrays | ({"side": side} if isinstance(points, Scan) else {}))
+        scan = points if isinstance(points, Scan) else load_scan(points, side=side, **recipe.scan)
+        scan = scan if name is None else replace(scan, name=name)
+    else:
+        scan = _scan_of(points, arrays, side or "left", name or "cup", recipe.scan)
+    (found,) = fitted(recipe, [scan], callback)
+    result = result_of(recipe, scan, found)
+    row = result.row()
+    if row["status"] != "ok":
+        raise InputError(scan.name, row["reason"], "Check points and wire: brafit-inspect draws those of a file")
+    return result
+
+
+def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str, settings: Mapping[str, Any]) -> Scan:
+    """The scan of arrays, loaded as a file is."""
+    from brafit.cloud.read import MIN_POINTS, Cloud
+    from brafit.landmarks.file import SIDES
+    from brafit.scan import load_scan
+
+    if arrays["wire"] is None:
+        raise InputError("wire", "is not given", "Give the wire line, an array of shape (k, 3), inner end first")
+    if side not in SIDES:
+        raise InputError("side", f"{side!r} is neither 'left' nor 'right'", "Name the wearer's side")
+    cloud = _points("points", points, MIN_POINTS)
+    marks = _marks(arrays, side, name)
+    flag = None if arrays["inside"] is None else np.asarray(arrays["inside"]).astype(bool).reshape(-1)
+    if flag is not None and len(flag) != len(cloud):
+        raise InputError("inside", f"has {len(flag)} entries for {len(cloud)} points", "Give one a point")
+    given = {key: value for key, value in settings.items() if key not in ("read_seconds", "mesh_points", "propose")}
+    given["units"] = given.get("units") or "mm"
+    try:
+        return load_scan(Cloud(Path("points"), cloud, None, flag), name=name, landmarks=marks, **given)
+    except InputError as error:
+        if "runs the wrong way round" not in error.cause:
+            raise
+        remedy = "Points of a Scan are in its cup frame, where right breasts are mirrored: give brafit.fit the scan"
+        raise InputError(error.file, error.cause, f"{error.remedy}. {remedy}") from None
+
+
+def _marks(arrays: Mapping[str, Any], side: str, name: str) -> Landmarks:
+    from brafit.landmarks import Landmarks
+
+    line = _points("wire", arrays["wire"], 4)
+    upper = None if arrays["neckline"] is None else _points("neckline", arrays["neckline"], 2)
+    marks = {key: _mark(key, arrays[key]) for key in ("strap_point", "apex") if arrays[key] is not None}
+    return Landmarks(Path("landmarks"), name, side, line, upper, marks)
+
+
+def _refuse_beside(points: Scan | str | Path, given: Mapping[str, Any]) -> None:
+    """A scan has marks of its own."""
+    if beside := [key for key, value in given.items() if value is not None]:
+        what = "a file" if isinstance(points, str | Path) else "a scan"
+        remedy = f"{what.capitalize()} has its own: leave {beside[0]} out, or give points as an array"
+        raise InputError(beside[0], f"given beside {what}", remedy)
 
 
 def _points(name: str, values: ArrayLike, least: int) -> np.ndarray:

@@ -54,6 +54,7 @@ class Result:
         options: how patterns are finished and which files are written.
         sources: for each input, what was given and what was taken in its place.
         model: cup, solver, panels and terms, by their keys in summary.csv.
+        facts: what is known of the scan, as further entries of fit.json; `notes` stand in the report.
     """
 
     fit: CupFit
@@ -63,6 +64,7 @@ class Result:
     options: PatternOptions = field(default_factory=PatternOptions)
     sources: Mapping[str, str] = field(default_factory=dict)
     model: Mapping[str, Any] = field(default_factory=dict)
+    facts: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -150,8 +152,7 @@ class Result:
         folder = Path(folder)
         written = self._write_patterns(folder) + self._write_meshes(folder)
         if self.options.report:
-            notes = (extra or {}).get("notes", ())
-            written += self._write_pages(folder, [file.name for file in written], notes)
+            written += self._write_pages(folder, [file.name for file in written], self.facts.get("notes", ()))
         for name in FILES:
             if folder / name not in written:
                 (folder / name).unlink(missing_ok=True)
@@ -173,7 +174,7 @@ class Result:
             "files": [file.name for file in written],
         }
         path = folder / "fit.json"
-        write_fit_json(path, self.row(), details | dict(extra or {}))
+        write_fit_json(path, self.row(), details | dict(self.facts) | dict(extra or {}))
         return [*written, path]
 
     @cached_property

@@ -40,7 +40,7 @@ from brafit.fit.loop import certainty, measured_cups, starting_problems, winners
 from brafit.fit.measure import flat_panels, in_millimetres, upper_edge_gap
 from brafit.fit.objective import Objective, Pressure
 from brafit.fit.targets import Targets
-from brafit.run.stages import bridged
+from brafit.run.fitting import target_of
 from brafit.scan import find_scans, load_scan
 from brafit.simulation.synthetic import on_panels, quarter_sphere
 
@@ -447,7 +447,7 @@ def report_run(folder: str, rescans: int = 224) -> None:
     with tempfile.TemporaryDirectory() as work:
         many = Path(work)
         write_rescans(breasts_of, many, rescans)
-        targets = [bridged(load_scan(path)) for path in find_scans([many])[:56]]
+        targets = [target_of(load_scan(path)) for path in find_scans([many])[:56]]
         begun = time.process_time()
         fit_targets(targets, partial(StripsCup, panels=2), *solver)
         own = (time.process_time() - begun) / len(targets)

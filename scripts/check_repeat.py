@@ -26,7 +26,7 @@ from typing import Protocol
 
 import numpy as np
 import torch
-from check_scans import patterns_apart, simulated, target_of, wanted_parts
+from check_scans import patterns_apart, simulated, wanted_parts
 from hydra import compose, initialize_config_module
 from hydra.utils import instantiate
 from tqdm import tqdm
@@ -42,6 +42,7 @@ from brafit.geometry.development import FlatPanel
 from brafit.geometry.fairness import EdgeCurvature
 from brafit.geometry.polyline import distances, evenly_spaced
 from brafit.pattern.piece import pieces_from_panels
+from brafit.run.fitting import target_of
 from brafit.scan import Scan, find_scans, load_scan
 from brafit.surface import point_weights
 
@@ -127,7 +128,9 @@ def rescan(scan: Scan, seed: int, noise: float) -> Target:
     points = scan.points[np.sort(random.choice(len(scan.points), count, replace=False))]
     points = points + noise * random.standard_normal(points.shape)
     weights = point_weights(points, scan.curve)
-    return Target(f"{scan.name}, rescan {seed}", points, scan.wire, scan.neckline, scan.strap_point, scan.apex, weights)
+    return Target(
+        f"{scan.name}, rescan {seed}", points, scan.wire, scan.neckline, scan.strap_point, scan.apex, None, weights
+    )
 
 
 def rescans_fitted(

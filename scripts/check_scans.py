@@ -49,9 +49,9 @@ from brafit.geometry.polyline import evenly_spaced
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_landmarks
 from brafit.landmarks.plausibility import polyline_length
 from brafit.report.uncovered import uncovered_share
+from brafit.run.fitting import target_of
 from brafit.scan import Scan, load_scan
 from brafit.simulation.synthetic import on_panels
-from brafit.surface import point_weights
 from brafit.surface.gaps import gaps
 
 PANELS = (2, 3)
@@ -62,13 +62,6 @@ COVERED = 5.0
 
 def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def target_of(scan: Scan, *, weighted: bool = True) -> Target:
-    """What the command `brafit` fits to a scan."""
-    points = np.concatenate([scan.points, scan.assumed])
-    weights = point_weights(points, scan.curve) if weighted else None
-    return Target(scan.name, points, scan.wire, scan.neckline, scan.strap_point, scan.apex, weights)
 
 
 def fitted(targets: Sequence[Target], panels: int) -> list[CupFit]:
@@ -361,7 +354,7 @@ def report_coverage(folder: Path, _: Path) -> None:
     breasts = sorted((folder / "breasts").glob("*.ply"))
     scans = [load_scan(path) for path in breasts]
     for panels in PANELS:
-        fits = fitted([target_of(s, weighted=w) for w in (True, False) for s in scans], panels)
+        fits = fitted([*map(target_of, scans), *(replace(target_of(s), weights=None) for s in scans)], panels)
         pairs = list(zip(fits[: len(scans)], fits[len(scans) :], strict=True))
         away = [apart(*pair)[0] for pair in pairs]
         change = [a.figures["rms_mm"] - b.figures["rms_mm"] for a, b in pairs]
@@ -375,7 +368,8 @@ def report_coverage(folder: Path, _: Path) -> None:
         for how in ("bridged", "weighted only", "neither"):
             empty = np.empty((0, 3))
             shown = [scan if how == "bridged" else replace(scan, assumed=empty) for _, scan in holed]
-            fits = fitted([target_of(scan, weighted=how != "neither") for scan in shown], panels)
+            told = [target_of(scan) for scan in shown]
+            fits = fitted([replace(t, weights=None) if how == "neither" else t for t in told], panels)
             for name in HOLES:
                 rows = [k for k, (hole, _) in enumerate(holed) if hole == name]
                 away = [apart(fits[k], best[k % 6]) for k in rows]

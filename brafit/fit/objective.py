@@ -318,8 +318,8 @@ class Objective:
     def mean_square(
         self, distances: Float[Tensor, "some points"], problems: slice = slice(None)
     ) -> Float[Tensor, " some"]:
-        """Mean of the squared distances of the points, all alike, of all problems or some."""
-        used = (self.targets.weights[problems] > 0).to(distances)
+        """Mean of the squared distances of the scans' own points, all alike, of all problems or some."""
+        used = self.targets.data[problems].to(distances)
         return (used * distances.square()).sum(1) / used.sum(1).clamp_min(1)
 
     def _guided_edges(self, shape: CupShape) -> list[Block]:

@@ -12,4 +12,5 @@ class ResultCode(Enum):
     STEP_LIMIT = "stopped at the step limit before it converged"
     DIVERGED = "diverged: the objective is not a finite number"
     UNRESOLVED = "not a cup of developable panels"
+    UNLIKE = "no likeness of the points"
     DROPPED = "given up for a better start of the same scan"

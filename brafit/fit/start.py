@@ -45,7 +45,7 @@ def start_curves(target: Target, panels: int, count: int, seed: int = 0) -> Floa
         line_angle, line_reach = polar(target.neckline)
         top, last = line_angle[line_reach.argmax()], target.neckline
     else:
-        end = polar(target.points)[0] if target.strap_point is None else polar(target.strap_point[None])[0]
+        end = polar(target.seen)[0] if target.strap_point is None else polar(target.strap_point[None])[0]
         top = np.quantile(end, 0.98)
         last = cloud.section(top)
     random = np.random.default_rng(seed)
@@ -72,7 +72,7 @@ class _Star:
         first, last = target.wire[0], target.wire[-1]
         self.middle, self.half = (first + last) / 2, np.linalg.norm(last - first) / 2
         lines = [target.wire] if target.neckline is None else [target.wire, target.neckline]
-        some = target.points[:: max(1, len(target.points) // _CLOUD)]
+        some = target.seen[:: max(1, len(target.seen) // _CLOUD)]
         away = np.concatenate((some, *lines)) - self.middle
         reach = np.linalg.norm(away, axis=1)
         away, reach = away[reach > 0], reach[reach > 0]

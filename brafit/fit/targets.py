@@ -36,7 +36,9 @@ class Target:
         neckline: points along the wanted upper edge, inner end first, or None.
         strap_point: where the strap is to be sewn on (the connection point X_C), or None.
         apex: the bust point, or None.
-        weights: share of the surface that each point stands for, or None: all alike.
+        assumed: places on a surface that is assumed where the scan has no data: the fit sees them, no figure and no
+            warning counts them.
+        weights: share of the surface that each of `seen` stands for, or None: all alike.
     """
 
     name: str
@@ -45,7 +47,13 @@ class Target:
     neckline: Float[np.ndarray, "m 3"] | None = None
     strap_point: Float[np.ndarray, "3"] | None = None
     apex: Float[np.ndarray, "3"] | None = None
-    weights: Float[np.ndarray, " n"] | None = None
+    assumed: Float[np.ndarray, "g 3"] | None = None
+    weights: Float[np.ndarray, " w"] | None = None
+
+    @property
+    def seen(self) -> Float[np.ndarray, "w 3"]:
+        """What the fit sees: the points, then the places that are assumed."""
+        return self.points if self.assumed is None else np.concatenate([self.points, self.assumed])
 
     def smooth_neckline(self, wave: float) -> Neckline | None:
         """The neckline without waves shorter than that, see `smooth_neckline`; None where none is given."""
@@ -63,6 +71,7 @@ class Targets:
 
     Attributes:
         points, weights: clouds and the weight of each point; the weights of a cloud sum to 1.
+        data: which of them are a scan's own: neither padding nor assumed.
         neckline, has_neckline: evenly spaced points of the wanted upper edge, and whether there is one.
         connection, has_connection: connection point.
         apex, has_apex: bust point.
@@ -73,6 +82,7 @@ class Targets:
 
     points: Float[Tensor, "batch points 3"]
     weights: Float[Tensor, "batch points"]
+    data: Bool[Tensor, "batch points"]
     neckline: Float[Tensor, "batch m 3"]
     has_neckline: Bool[Tensor, " batch"]
     connection: Float[Tensor, "batch 3"]
@@ -103,7 +113,7 @@ class Targets:
         if count >= self.points.shape[1]:
             return self
         if count == 0:
-            return replace(self, points=self.points[:, :0], weights=self.weights[:, :0])
+            return replace(self, points=self.points[:, :0], weights=self.weights[:, :0], data=self.data[:, :0])
         counted = self.weights > 0
         own = counted.sum(1, keepdim=True).clamp_min(1)
         kept = own.clamp_max(count)
@@ -122,7 +132,7 @@ class Targets:
         rank = (2 * torch.arange(count, device=own.device) + 1) * own // (2 * kept)
         place = counted.long().argsort(dim=1, descending=True, stable=True).gather(1, rank.minimum(own - 1))
         points = torch.where(wide, self.points.gather(1, place[..., None].expand(-1, -1, 3)), middle)
-        return replace(self, points=points, weights=weights)
+        return replace(self, points=points, weights=weights, data=mean(self.data[..., None].to(weights))[..., 0] > 0.5)
 
     @staticmethod
     def stack(
@@ -142,13 +152,15 @@ class Targets:
             has = torch.tensor([v is not None for v in values], device=scale.device)
             return tensor([default if v is None else v for v in values]), has
 
-        counts = [len(t.points) for t in targets]
+        seen = [t.seen for t in targets]
+        counts = [len(points) for points in seen]
         # Sums over padded points are the same for any batch, as long as their lengths are multiples of so many.
         points = np.zeros((len(targets), -(-max(counts) // PADDED) * PADDED, 3))
-        weights = np.zeros(points.shape[:2])
-        for row, (target, count) in enumerate(zip(targets, counts, strict=True)):
-            order = along_curve(target.points)
-            points[row, :count], weights[row, :count] = target.points[order], 1 / count
+        weights, data = np.zeros(points.shape[:2]), np.zeros(points.shape[:2], dtype=bool)
+        for row, (target, own) in enumerate(zip(targets, seen, strict=True)):
+            order, count = along_curve(own), len(own)
+            points[row, :count], weights[row, :count] = own[order], 1 / count
+            data[row, :count] = order < len(target.points)
             if target.weights is not None:
                 weights[row, :count] = target.weights[order] / target.weights.sum()
         lines = [None if (line := t.smooth_neckline(neckline_wave)) is None else line.sampled(samples) for t in targets]
@@ -160,6 +172,7 @@ class Targets:
         return Targets(
             points=tensor(points) / unit[..., None],
             weights=tensor(weights),
+            data=torch.as_tensor(data, device=scale.device),
             neckline=neckline / unit[..., None],
             has_neckline=has_neckline,
             connection=connection / unit,

@@ -37,7 +37,7 @@ def fitted_row(fit: CupFit, side: str, points: int, model: Mapping[str, Any], ne
     figures = {key: math.nan if value is None else float(value) for key, value in fit.figures.items()}
     row = failed_row(fit.name, fit.reason, model, side, points)
     row |= figures | {"iterations": fit.iterations, "seconds": fit.seconds}
-    if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED):
+    if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED, ResultCode.UNLIKE):
         return row
     absent = OPTIONAL if not neckline else {"outline_sd_mm"}
     missing = [key for key, value in figures.items() if key not in absent and not math.isfinite(value)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pickle
 import platform
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,20 +21,18 @@ from brafit.atomic import TEMPORARY, write_bytes
 from brafit.cloud import read_cloud
 from brafit.cloud.open3d_runtime import open3d
 from brafit.errors import BrafitError, InputError
-from brafit.fit import CupFit, Step, Target
-from brafit.pattern import Side
+from brafit.fit import Step
 from brafit.report.course import FitStep
 from brafit.report.row import failed_row, fitted_row
 from brafit.report.table import write_fit_json
-from brafit.report.uncovered import uncovered_share
-from brafit.result import FILES, Result
+from brafit.result import FILES
 from brafit.run.dataset import ScanRef
 from brafit.run.dataset import dataset as dataset_of
+from brafit.run.fitting import fitted, result_of
 from brafit.run.job import Done, common_cause
 from brafit.run.recipe import Recipe
 from brafit.run.store import key_of, nest_file, restored
 from brafit.scan import Scan, load_sides
-from brafit.surface import point_weights
 
 Tell = Callable[[Any], None]
 QUANTILES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
@@ -108,9 +106,8 @@ def fit(source: bytes, scans: Sequence[bytes], watched: Sequence[str], tell: Tel
     loaded = [pickle.loads(data) for data in scans]
     recipe = _recipe(source, loaded[0][0].overrides)
     names = [scan.name for *_, scan in loaded]
-    fits = recipe.fit([bridged(scan) for *_, scan in loaded], lambda step: tell(_told(step, names, watched)))
-    own = [_of_data(fit, len(scan.points)) for fit, (*_, scan) in zip(fits, loaded, strict=True)]
-    return [pickle.dumps(fit, pickle.HIGHEST_PROTOCOL) for fit in own]
+    fits = fitted(recipe, [scan for *_, scan in loaded], lambda step: tell(_told(step, names, watched)))
+    return [pickle.dumps(fit, pickle.HIGHEST_PROTOCOL) for fit in fits]
 
 
 def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell: Tell) -> Done:
@@ -123,7 +120,7 @@ def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell:
     for stale in (out / loaded.name).glob(f"{TEMPORARY}*"):  # of a run that was killed
         stale.unlink(missing_ok=True)
     result = result_of(recipe, loaded, cup)
-    extra = _scan_facts(loaded, cup) | _provenance(recipe, ref.path)
+    extra = _provenance(recipe, ref.path)
     if recipe.pattern.nest:  # before fit.json, which says that all is there
         write_bytes(nest_file(out, loaded.name), pickle.dumps(result.patterns()))
     result.save(out / loaded.name, extra | {"position": ref.positions[k], "key": key})
@@ -154,71 +151,6 @@ def _failure(
         (folder / file).unlink(missing_ok=True)
     write_fit_json(folder / "fit.json", row, _provenance(recipe, ref.path) | {"position": ref.positions[k]})
     return Done(ref.positions[k], name, row, cause=common_cause(cause))
-
-
-def target_of(scan: Scan) -> Target:
-    """What a scan has: its points and marks."""
-    return Target(
-        name=scan.name,
-        points=scan.points,
-        wire=scan.wire,
-        neckline=scan.neckline,
-        strap_point=scan.strap_point,
-        apex=scan.apex,
-    )
-
-
-def bridged(scan: Scan) -> Target:
-    """What the fit is told: also the places that are assumed where the scan has no data, and what each point weighs."""
-    points = np.concatenate([scan.points, scan.assumed])
-    return replace(target_of(scan), points=points, weights=point_weights(points, scan.curve))
-
-
-def _of_data(fit: CupFit, count: int) -> CupFit:
-    """The fit with the figures of its first points only: those that the scan has."""
-    if len(fit.distances) == count:
-        return fit
-    distances = fit.distances[:count]
-    size = np.abs(distances)
-    figures = {
-        "rms_mm": float(np.sqrt(np.mean(size**2))),
-        "mean_mm": float(size.mean()),
-        "p95_mm": float(np.quantile(size, 0.95)),
-        "max_mm": float(size.max()),
-    }
-    return replace(fit, distances=distances, figures=fit.figures | figures)
-
-
-def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
-    """The fit of a scan with all that can be made of it."""
-    sources = {
-        "points": f"{scan.path.name}, {len(scan.points)} used",
-        "wire": f"{scan.origin.wire} ({len(scan.wire)} points)",
-        "side": f"{scan.origin.marks} ({scan.side})",
-        "neckline": "none: only the points say where the cup ends" if scan.neckline is None else scan.origin.neckline,
-        "strap point": "none" if scan.strap_point is None else scan.origin.marks,
-        "apex": "not given: the cup's point farthest from the chest" if scan.apex is None else scan.origin.marks,
-    }
-    side: Side = "right" if scan.side == "right" else "left"
-    return Result(fit, target_of(scan), side, scan.frame, recipe.pattern, sources, recipe.model)
-
-
-def _scan_facts(scan: Scan, fit: CupFit) -> dict[str, Any]:
-    """What became of the scan before the fit, and how much of the cup has no data."""
-    return {
-        "cleaning": asdict(scan.cleaning),
-        "units": asdict(scan.units),
-        "origin": asdict(scan.origin),
-        "notes": list(scan.notes),
-        "uncovered_share": uncovered_share(fit.shape, scan.dense),
-        "assumed_points": len(scan.assumed),
-        "landmarks": {
-            "wire_points": len(scan.wire),
-            "neckline_points": 0 if scan.neckline is None else len(scan.neckline),
-            "strap_point": scan.strap_point,
-            "apex": scan.apex,
-        },
-    }
 
 
 def _provenance(recipe: Recipe, path: Path) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from brafit.cloud.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud
 from brafit.errors import ConfigError, InputError
 from brafit.geometry.order import along_curve
 from brafit.landmarks.cup_frame import CupFrame
-from brafit.landmarks.file import SIDES, landmarks_path
+from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
 from brafit.landmarks.units import MILLIMETRES, NAMES, Units
 from brafit.scan.framed import Framed, framed
 from brafit.scan.marked import Marked, origin_of, with_marks
@@ -32,8 +32,8 @@ DOUBT = "give or take 3 mm at the apex, 8 mm at wire ends and strap point, on so
 """How far proposed landmarks lay off those that were given, on clouds of 14 bodies: median, and largest."""
 NOISY = 1.0
 """Scatter (mm) of the cleaned points that is said."""
-GAPS_SAID, GAPS_MOST = 0.1, 0.6
-"""Shares of the surface between wire and upper line without data from which on that is said, and refused."""
+GAPS_MOST = 0.6
+"""Share of the surface between wire and upper line without data from which on a scan is refused."""
 FRONT = np.array([0.0, 0.0, 1.0])
 """Out of the chest, in the cup frame."""
 
@@ -130,7 +130,7 @@ def load_scan(
     propose: bool = False,
     symmetry: bool = True,
     bridge: bool = True,
-    landmarks: str | Path | None = None,
+    landmarks: str | Path | Landmarks | None = None,
     read_seconds: float = READ_SECONDS,
     mesh_points: int = MESH_POINTS,
     apart: bool = True,
@@ -152,7 +152,7 @@ def load_scan(
         symmetry: take the points of both breasts of a torso for either cup, where they are mirror images within
             `brafit.scan.region.ALIKE`.
         bridge: assume a surface where there are no data (`Scan.assumed`).
-        landmarks: the landmark file, if it is not beside the cloud.
+        landmarks: the landmark file, if it is not beside the cloud; or the marks of one breast.
         read_seconds, mesh_points, apart: see `read_cloud`.
 
     Raises:
@@ -195,7 +195,7 @@ def load_sides(
     propose: bool = False,
     symmetry: bool = True,
     bridge: bool = True,
-    landmarks: str | Path | None = None,
+    landmarks: str | Path | Landmarks | None = None,
     read_seconds: float = READ_SECONDS,
     mesh_points: int = MESH_POINTS,
     apart: bool = True,
@@ -221,12 +221,12 @@ def load_sides(
     _check_choice("units", units, tuple(MILLIMETRES))
     if wire not in (None, "detect"):
         wire_size(wire)
-    marks_file = landmarks_path(path) if landmarks is None else Path(landmarks)
+    marks = landmarks if isinstance(landmarks, Landmarks) else Path(landmarks or landmarks_path(path))
     try:
         raw = given
         if raw is None:
             raw = read_cloud(path, seconds=read_seconds, mesh_points=mesh_points, apart=apart)
-        marked = with_marks(raw, marks_file, units, propose)
+        marked = with_marks(raw, marks, units, propose)
     except InputError as error:
         return [error] * len(sides)
     gathering = Gathering(marked, outliers, neighbours, symmetry)
@@ -238,7 +238,7 @@ def load_sides(
             bounded = _bounded(path, breast, gathered)
             cleaned = _cleaned(marked, gathered, bounded, points)
             found = _gaps(path, cleaned, bounded)
-            notes = _notes(marked, breast, gathered, bounded, cleaned, found, chosen=side is not None)
+            notes = _notes(marked, breast, gathered, bounded, cleaned, chosen=side is not None)
             return _scan(name or path.stem, marked, breast, gathered, bounded, cleaned, found, bridge, notes)
         except InputError as error:
             return error
@@ -325,7 +325,6 @@ def _notes(
     gathered: Gathered,
     bounded: Bounded,
     cleaned: Cleaned,
-    found: Gaps | None,
     *,
     chosen: bool,
 ) -> tuple[str, ...]:
@@ -333,8 +332,6 @@ def _notes(
     notes = _unit_notes(marked.units)
     if gathered.alike is not None:
         notes.append(f"the breasts are mirror images within {gathered.alike:.2f} mm: both are taken for each cup")
-    if found is not None and found.share > GAPS_SAID:
-        notes.append(f"{_bare(found)}: the cup is a guess there")
     if bounded.origin == "built":
         notes.append("no upper line given: it is built from the wire's ends and the strap point")
     scatter = cleaned.steps.scatter_mm

@@ -88,31 +88,32 @@ def origin_of(marks: Landmarks) -> str:
     return "proposed" if marks.proposed else "given"
 
 
-def with_marks(raw: Cloud, path: Path, units: str | None, propose: bool) -> Marked:
+def with_marks(raw: Cloud, marks: Path | Landmarks, units: str | None, propose: bool) -> Marked:
     """A cloud as it was read, and the marks in its landmark file.
 
     Args:
-        path: the landmark file.
+        marks: the landmark file, or the marks themselves.
         units: the unit of both, if it is said.
         propose: propose marks where there is no such file.
 
     Raises:
         InputError: there are no marks; they cannot be read; the files' units are in doubt or contradict each other.
     """
-    if path.exists():
-        return _given(raw, path, units)
+    if isinstance(marks, Landmarks):
+        return _given(raw, [marks], units)
+    if marks.exists():
+        return _given(raw, read_breasts(marks), units)
     if not propose:
-        remedy = f"Write {path.name} (brafit-inspect proposes one), or set scan.propose=true"
-        raise InputError(raw.path, f"no landmark file {path.name} beside the cloud", remedy)
+        remedy = f"Write {marks.name} (brafit-inspect proposes one), or set scan.propose=true"
+        raise InputError(raw.path, f"no landmark file {marks.name} beside the cloud", remedy)
     unit = units or body_unit(raw.path, raw.points)
     whole = _scaled(raw, unit)
     proposed = proposed_landmarks(raw.path, whole.cloud.points)
     return Marked(whole, tuple(proposed), Units(unit, unit, "" if units else "the depth of the body"))
 
 
-def _given(raw: Cloud, path: Path, units: str | None) -> Marked:
-    breasts = read_breasts(path)
-    declared = breasts[0].units
+def _given(raw: Cloud, breasts: list[Landmarks], units: str | None) -> Marked:
+    path, declared = breasts[0].path, breasts[0].units
     unit, found = _marks_unit(raw, breasts, units or declared)
     breasts = [marks.mapped(lambda p: p * MILLIMETRES[unit], units="mm") for marks in breasts]
     placed = np.concatenate([marks.positions() for marks in breasts])

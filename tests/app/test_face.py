@@ -6,17 +6,24 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from lunes import RADIUS, sphere_points
 
 import brafit
+from brafit.cloud import read_cloud
+from brafit.cloud.ply import cloud_ply
 from brafit.errors import ConfigError, InputError
+from brafit.landmarks import landmarks_text, read_landmarks
 from brafit.result import Result
+from brafit.samples import sample_paths
+from brafit.scan import load_scan
 
 ANGLE = np.linspace(0, np.pi, 40)
 WIRE = RADIUS * np.stack((np.sin(ANGLE), 1 - np.cos(ANGLE), 0 * ANGLE), -1)
+BALL = sphere_points(400)[0]
 TURN = np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)), float)
 QUICK = [
     "cup=frames", "solver=anneal", "cup.terms=4", "cup.stations=51", "restarts=1",
@@ -42,8 +49,7 @@ def fitted() -> Result:
 
 
 def test_distances_and_surface_are_in_the_frame_of_the_points(fitted: Result) -> None:
-    points, _ = sphere_points(400)
-    distances = fitted.distance(placed(points))
+    distances = fitted.distance(fitted.frame.to_scan(fitted.target.points))
     np.testing.assert_allclose(distances, fitted.fit.distances, atol=1e-9)
     assert np.sqrt(np.mean(distances**2)) < 0.08 * RADIUS
     far = placed(np.array([[2 * RADIUS, RADIUS, 2 * RADIUS]]))
@@ -110,14 +116,65 @@ def test_settings_are_the_commands() -> None:
         (np.zeros((5, 2)), WIRE, "left", "points.*shape"),
         (np.full((5, 3), np.nan), WIRE, "left", "points.*finite"),
         ([["a", "b", "c"]], WIRE, "left", "points.*numbers"),
-        (np.ones((5, 3)), WIRE[:2], "left", "wire.*fewer than 4"),
-        (np.ones((5, 3)), WIRE, "middle", "side"),
+        (np.ones((500, 3)), WIRE, "left", "points.*fewer than 100 distinct"),
+        (BALL, WIRE[:2], "left", "wire.*fewer than 4"),
+        (BALL, None, "left", "wire: is not given"),
+        (BALL, WIRE, "middle", "side"),
+        (BALL / 25.4, WIRE / 25.4, "left", r"landmarks: wire: \d\.\d+ mm long.*It looks like inches.*scan\.units=in"),
+        (BALL + np.array((0, 0, 500)), WIRE, "left", r"landmarks: wire: nowhere near the cloud, \d{3} mm away from it"),
+        (BALL, WIRE, "right", "runs the wrong way round.*give brafit.fit the scan"),
     ],
 )
 def test_wrong_arrays_are_refused_in_one_line(points, wire, side: str, words: str) -> None:
     with pytest.raises(InputError, match=words) as caught:
         brafit.fit(points, wire=wire, side=side)
     assert "\n" not in str(caught.value)
+
+
+def test_inches_are_taken_where_they_are_said() -> None:
+    result = brafit.fit(BALL / 25.4, wire=WIRE / 25.4, settings=["experiment=quick", "scan.units=in"])
+    assert result.figures["wire_length_mm"] == pytest.approx(np.pi * RADIUS, abs=1.5)
+
+
+def test_a_scan_has_marks_of_its_own() -> None:
+    path = sample_paths()[0]
+    with pytest.raises(InputError, match=r"wire: given beside a file\. A file has its own"):
+        brafit.fit(path, wire=WIRE)
+    with pytest.raises(InputError, match=r"side: given beside a scan\."):
+        brafit.fit(load_scan(path), side="left")
+
+
+def mirrored(path: Path, folder: Path) -> Path:
+    """The mirror image of a sample, so a right breast."""
+    cloud, marks = read_cloud(path), read_landmarks(path.with_suffix(".json"))
+    flip = np.array((-1.0, 1.0, 1.0))
+    other = folder / f"{path.stem}_right.ply"
+    other.write_bytes(cloud_ply(cloud.points * flip, inside=cloud.inside))
+    right = marks.mapped(lambda p: p * flip, side="right", units="mm")
+    other.with_suffix(".json").write_text(landmarks_text([right]))
+    return other
+
+
+def test_numbers_and_files_are_the_commands_for_left_and_right(tmp_path: Path) -> None:
+    paths = [*sample_paths(), *(mirrored(path, tmp_path) for path in sample_paths())]
+    listed = ",".join(map(str, paths))
+    command = [sys.executable, "-m", "brafit", f"scans=[{listed}]", "experiment=lean", f"out={tmp_path / 'out'}"]
+    subprocess.run(command, check=True, capture_output=True)
+    for path in paths:
+        cloud, marks = read_cloud(path), read_landmarks(path.with_suffix(".json"))
+        arrays: dict[str, Any] = {name: marks.points.get(name) for name in ("strap_point", "apex")}
+        arrays |= {"wire": marks.wire, "neckline": marks.upper_line, "inside": cloud.inside, "side": marks.side}
+        arrays["name"] = path.stem
+        by_command = tmp_path / "out" / path.stem
+        inputs: list[tuple[Any, dict[str, Any]]] = [(load_scan(path), {}), (path, {}), (cloud.points, arrays)]
+        for given, named in inputs:
+            folder = tmp_path / f"{path.stem}_{type(given).__name__}"
+            brafit.fit(given, settings=["experiment=lean"], **named).save(folder)
+            own, other = (json.loads((where / "fit.json").read_text()) for where in (folder, by_command))
+            # how long it took, what file it was and what was found out about its unit are not the same
+            told_apart = {"seconds", "sources"} | ({"units", "notes"} if named else set())
+            assert {key for key in own if own[key] != other[key]} <= told_apart
+            assert (folder / "patterns.dxf").read_bytes() == (by_command / "patterns.dxf").read_bytes()
 
 
 def test_the_package_of_the_same_name_stays_a_package() -> None:

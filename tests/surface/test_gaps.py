@@ -69,7 +69,6 @@ def test_a_scan_says_what_it_assumes(tmp_path):
     assert 0.1 < scan.gap_share < 14 / RADIUS
     assert len(scan.assumed) > 100
     assert scan.points[:, 2].min() > 14 - 1e-6
-    assert [note for note in scan.notes if "has no points: the cup is a guess there" in note]
     assert not len(load_scan(path, bridge=False).assumed)
 
 

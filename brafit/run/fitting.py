@@ -1,0 +1,69 @@
+"""From loaded scans to their fits and results: one road, for the command and for `brafit.fit`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+from brafit.fit import CupFit, Step, Target
+from brafit.pattern import Side
+from brafit.report.uncovered import uncovered_share
+from brafit.result import Result
+from brafit.run.likeness import judged
+from brafit.run.recipe import Recipe
+from brafit.scan import Scan
+from brafit.surface import point_weights
+
+
+def target_of(scan: Scan) -> Target:
+    """What the fit is told of a scan: its points, marks and assumed places, and what each of them weighs."""
+    target = Target(
+        name=scan.name,
+        points=scan.points,
+        wire=scan.wire,
+        neckline=scan.neckline,
+        strap_point=scan.strap_point,
+        apex=scan.apex,
+        assumed=scan.assumed,
+    )
+    return replace(target, weights=point_weights(target.seen, scan.curve))
+
+
+def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callable[[Step], None] | None = None) -> list[CupFit]:
+    """The fits of a batch, in its order, judged by what a cup of a breast can be."""
+    fits = recipe.fit([target_of(scan) for scan in scans], callback)
+    return [judged(fit, scan) for fit, scan in zip(fits, scans, strict=True)]
+
+
+def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
+    """The fit of a scan with all that can be made of it."""
+    sources = {
+        "points": f"{scan.path.name}, {len(scan.points)} used",
+        "wire": f"{scan.origin.wire} ({len(scan.wire)} points)",
+        "side": f"{scan.origin.marks} ({scan.side})",
+        "neckline": "none: only the points say where the cup ends" if scan.neckline is None else scan.origin.neckline,
+        "strap point": "none" if scan.strap_point is None else scan.origin.marks,
+        "apex": "not given: the cup's point farthest from the chest" if scan.apex is None else scan.origin.marks,
+    }
+    side: Side = "right" if scan.side == "right" else "left"
+    facts = scan_facts(scan, fit)
+    return Result(fit, target_of(scan), side, scan.frame, recipe.pattern, sources, recipe.model, facts)
+
+
+def scan_facts(scan: Scan, fit: CupFit) -> dict[str, Any]:
+    """What became of the scan before the fit, and how much of the cup has no data."""
+    return {
+        "cleaning": asdict(scan.cleaning),
+        "units": asdict(scan.units),
+        "origin": asdict(scan.origin),
+        "notes": list(scan.notes),
+        "uncovered_share": uncovered_share(fit.shape, scan.dense),
+        "assumed_points": len(scan.assumed),
+        "landmarks": {
+            "wire_points": len(scan.wire),
+            "neckline_points": 0 if scan.neckline is None else len(scan.neckline),
+            "strap_point": scan.strap_point,
+            "apex": scan.apex,
+        },
+    }

@@ -1,0 +1,118 @@
+"""Cups that are no likeness of their points, and what counts in figures and warnings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from lunes import RADIUS, sphere_points
+
+import brafit
+from brafit.config import choices_of, from_settings
+from brafit.errors import InputError
+from brafit.fit import CupFit, ResultCode
+from brafit.fit.measure import point_distances
+from brafit.report.row import fitted_row
+from brafit.run.fitting import fitted, target_of
+from brafit.run.likeness import BOUNDS, judged, measures
+from brafit.run.recipe import Recipe, recipe_from_settings
+from brafit.samples import sample_paths
+from brafit.scan import Scan, load_scan
+
+QUICK = ["experiment=quick", "out=unused"]
+ANGLE = np.linspace(0, np.pi, 40)
+WIRE = RADIUS * np.stack((np.sin(ANGLE), 1 - np.cos(ANGLE), 0 * ANGLE), -1)
+
+
+@pytest.fixture(scope="module")
+def recipe() -> Recipe:
+    from brafit.app import plain_settings
+
+    return recipe_from_settings(plain_settings(from_settings(QUICK)), choices_of(QUICK))
+
+
+@pytest.fixture(scope="module")
+def scan() -> Scan:
+    return load_scan(sample_paths()[0], points=500)
+
+
+@pytest.fixture(scope="module")
+def fit(recipe: Recipe, scan: Scan) -> CupFit:
+    return fitted(recipe, [scan])[0]
+
+
+def test_a_breasts_cup_is_a_likeness_of_it(fit: CupFit, scan: Scan) -> None:
+    assert fit.code is ResultCode.CONVERGED
+    found = measures(fit, scan)
+    assert found.keys() == BOUNDS.keys()
+    assert all(BOUNDS[key].usual[0] <= value <= BOUNDS[key].usual[1] for key, value in found.items())
+    assert fit.figures["rms_mm"] == pytest.approx(np.sqrt(np.mean(fit.distances**2)))
+
+
+@pytest.mark.parametrize("key", BOUNDS)
+def test_what_is_unusual_is_warned_of_and_what_is_impossible_fails(fit: CupFit, scan: Scan, key: str) -> None:
+    length = np.linalg.norm(np.diff(scan.wire, axis=0), axis=1).sum()
+
+    def with_value(value: float) -> tuple[CupFit, Scan]:
+        if key in ("rms", "p95", "max"):
+            return replace(fit, figures=fit.figures | {f"{key}_mm": value * length}), scan
+        if key == "wire":
+            return fit, replace(scan, wire=scan.wire * (value / length))
+        if key == "gap":
+            return fit, replace(scan, gap_share=value)
+        points = scan.points.copy()
+        if key == "depth":
+            points[:, 2] *= value * length / points[:, 2].max()
+        else:
+            points[: round(value * len(points)), 2] = -0.1 * length
+        return fit, replace(scan, points=points)
+
+    usual, possible = BOUNDS[key].usual, BOUNDS[key].possible
+    warned = judged(*with_value(1.2 * usual[1]))
+    assert warned.code is fit.code
+    new = [w for w in warned.warnings if w not in fit.warnings]
+    assert any(BOUNDS[key].remedy in w for w in new)
+    if np.isfinite(possible[1]):
+        failed = judged(*with_value(1.2 * possible[1]))
+        assert failed.code is ResultCode.UNLIKE
+        row = fitted_row(failed, "left", 500, {}, True)
+        assert row["status"] == "failed"
+        assert row["reason"].startswith("no likeness of the points: ")
+        assert BOUNDS[key].remedy in row["reason"]
+
+
+def test_a_failed_fit_keeps_its_own_reason(fit: CupFit, scan: Scan) -> None:
+    failed = replace(fit, code=ResultCode.DIVERGED, figures=fit.figures | {"rms_mm": 1e3})
+    assert judged(failed, scan) is failed
+
+
+def test_points_on_a_box_are_refused() -> None:
+    random = np.random.default_rng(0)
+    points = random.uniform(0, 1, (3000, 3))
+    face = random.integers(0, 3, len(points))
+    points[np.arange(len(points)), face] = random.integers(0, 2, len(points))
+    box = (points - (0.1, 0.5, 0.1)) * 2.5 * RADIUS + (0, RADIUS, 0)
+    with pytest.raises(InputError, match=r"no likeness of the points|nowhere near"):
+        brafit.fit(box, wire=WIRE, inside=np.ones(len(box)), settings=["experiment=quick"])
+
+
+def test_assumed_places_count_in_no_figure_and_no_warning(recipe: Recipe) -> None:
+    """Bad ones, which no cup comes near, beside points that lie on a cup."""
+    points = sphere_points(300)[0]
+    scan = replace(load_scan(sample_paths()[0], points=300), points=points, wire=WIRE, neckline=None, gap_share=0.05)
+    places = np.random.default_rng(0).uniform((0, 0, 0), (0.5 * RADIUS, 2 * RADIUS, 0.5 * RADIUS), (60, 3))
+    told = target_of(replace(scan, assumed=places))
+    assert told.weights is not None
+    assert len(told.weights) == 360
+    told = replace(told, weights=np.repeat((1.0, 1e-6), (300, 60)))  # so that the cup does not follow them
+    seen = []
+    (fit,) = recipe.fit([told], seen.append)
+    assert len(fit.distances) == 300
+    assert fit.figures["max_mm"] == pytest.approx(np.abs(fit.distances).max())
+    assert (point_distances(torch.as_tensor(places), fit.shape).abs() > 5).double().mean() > 0.5
+    assert (np.abs(fit.distances) > 5).mean() < 0.05
+    assert not [warning for warning in fit.warnings if "of the points are more than" in warning]
+    # what the steps tell on the way is of the scan's own points too
+    assert seen[-1].terms["rms_mm"][0].item() == pytest.approx(fit.figures["rms_mm"], rel=0.05)
