@@ -380,6 +380,10 @@ def check(config: DictConfig) -> None:
     _check_limits(config, "")
     sources(config)
     check_device(config.device)
+    if config.scan.wire not in (None, "detect"):
+        from brafit.underwires.sizes import wire_size  # NumPy takes a moment
+
+        wire_size(config.scan.wire)
 
 
 def sources(config: DictConfig) -> list[str]:

@@ -21,6 +21,7 @@ from brafit.errors import BrafitError, InputError
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_breasts
 from brafit.landmarks.units import MILLIMETRES, body_unit
 from brafit.scan import Scan, find_scans, load_sides, scan_names
+from brafit.underwires.nearest import nearest_wire
 
 ALL_OK, SOME_FAILED, NOTHING_RAN = 0, 1, 2
 
@@ -79,7 +80,7 @@ def inspect_scan(
         write_text(landmarks_path(path), marks_file.read_text(encoding="utf-8"))
     for scan in scans:
         save_figure(_figure(scan, cloud), out / f"{name}_{scan.side}.png", dpi=110)
-    found = "; ".join(f"{scan.side}: {_facts(scan)[0]}" for scan in scans)
+    found = "; ".join(f"{scan.side}: {', '.join(_facts(scan)[:2])}" for scan in scans)
     return f"{name}: {found} -> {out / name}_*.png"
 
 
@@ -163,6 +164,7 @@ def _facts(scan: Scan) -> list[str]:
     counts = ", ".join(f"{key} {round(value, 2)}" for key, value in steps.items() if value is not None)
     return [
         f"landmarks {origin.marks}, wire {origin.wire}{guessed} ({length:.0f} mm), upper line {origin.neckline}",
+        f"nearest wire sold {nearest_wire(scan.wire)}",
         f"unit {scan.units.cloud}{f' (found from {scan.units.found})' if scan.units.found else ''}",
         f"points: {counts}",
         *(["without points: " + f"{100 * scan.gap_share:.0f} % of the cup"] if scan.gap_share else []),

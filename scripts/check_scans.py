@@ -53,6 +53,7 @@ from brafit.run.fitting import target_of
 from brafit.scan import Scan, load_scan
 from brafit.simulation.synthetic import on_panels
 from brafit.surface.gaps import gaps
+from brafit.underwires.sizes import WireSize
 
 PANELS = (2, 3)
 RESTARTS = 3
@@ -405,30 +406,28 @@ def report_lines(folder: Path, _: Path) -> None:
         built = _loaded(cloud, replace(given, upper_line=None))
         neckline = line_apart(built.frame.to_scan(_there(built.neckline)), _there(given.upper_line))
         wire = _there(given.wire)
-        size = f"{_radius(wire):.0f}x{polyline_length(wire):.0f}"
+        size = f"{_size(wire).radius:.0f}x{_size(wire).length:.0f}"
         laid = _loaded(cloud, replace(given, upper_line=None), wire=size)
         away = line_apart(laid.frame.to_scan(laid.wire), wire)
-        flat = line_apart(_flat_arc(wire), wire)
+        flat = line_apart(_flat(wire), wire)
         print(
             f"  {path.stem:12} {rms(neckline):.2f} ({neckline.max():.1f});  size {size}: {rms(away):.1f}"
-            f" ({away.max():.1f}), the best that an arc can do about {rms(flat):.1f}"
+            f" ({away.max():.1f}), the best that one can do about {rms(flat):.1f}"
         )
 
 
-def _radius(wire: np.ndarray) -> float:
-    """Radius of the arc with the wire's length and span."""
+def _size(wire: np.ndarray) -> WireSize:
+    """The wire size with a wire's length and span."""
     span, length = float(np.linalg.norm(wire[-1] - wire[0])), polyline_length(wire)
-    half = np.linspace(0.05, 2.6, 20000)
-    return float(length / 2 / half[np.abs(np.sin(half) / half - span / length).argmin()])
+    half = np.linspace(0.05, np.pi / 2, 20000)
+    arc = float(length / 2 / half[np.abs(np.sin(half) / half - span / length).argmin()])
+    return WireSize("", arc if length < np.pi * span / 2 else span / 2, length)
 
 
-def _flat_arc(wire: np.ndarray) -> np.ndarray:
-    """The arc of the wire's length and span, laid on it with as small distances as a rigid motion allows."""
-    radius, length = _radius(wire), polyline_length(wire)
-    angle = np.linspace(-length / radius / 2, length / radius / 2, 200)
-    arc = np.stack([radius * np.sin(angle), radius * np.cos(angle), 0 * angle], axis=1)
-    even = evenly_spaced(wire, 200)
-    p, q = arc - arc.mean(axis=0), even - even.mean(axis=0)
+def _flat(wire: np.ndarray) -> np.ndarray:
+    """The wire of a wire's length and span, laid on it with as small distances as a rigid motion allows."""
+    flat, even = np.pad(_size(wire).line(200), ((0, 0), (0, 1))), evenly_spaced(wire, 200)
+    p, q = flat - flat.mean(axis=0), even - even.mean(axis=0)
     return p @ _turn(p, q) + even.mean(axis=0)
 
 

@@ -47,6 +47,8 @@ FIRST, LAID, USUAL, HELD = 0.005, 0.1, 1.0, 3.0
 of ends that are given."""
 FLAT = 0.02
 """With what weight the line between ends that are given is drawn to their plane, where no crease shows."""
+ASTRAY = 5.0
+"""A place of a rigid wire farther (mm) than this from the crease does not lie in it."""
 FITTINGS = 20
 """Rounds of nearest points in which a rigid wire is laid on a crease."""
 OFF, BESIDE = 20.0, 5.0
@@ -77,7 +79,7 @@ class Wire:
 
     Attributes:
         wire: points from the inner to the outer end.
-        guessed: share of its length where the scan shows no crease.
+        guessed: share of its length where the scan shows no crease, or where a rigid wire does not lie in it.
         hollow: mean concavity along it: how plain the crease is.
     """
 
@@ -152,7 +154,8 @@ def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray
         if within.sum() < len(arc) / 2:
             break
         placed = _rigid(flat, crease[near], within)
-    return Wire(placed, found.guessed, found.hollow)
+    within = np.asarray(tree.query(placed)[0]) <= ASTRAY
+    return Wire(placed, float(1 - (1 - found.guessed) * within.mean()), found.hollow)
 
 
 def _rigid(points: np.ndarray, aims: np.ndarray, used: np.ndarray | slice = slice(None)) -> np.ndarray:

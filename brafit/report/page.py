@@ -80,6 +80,7 @@ def write_report(
         "" if band is None else _certainty(*band),
         '<div class="columns"><section><h2>Finished dimensions</h2>',
         _dimension_table(dimensions, pattern),
+        _nearest_wire(row, pattern),
         "</section><section><h2>Fit</h2>",
         _figure_table(row),
         "<h2>Given and guessed</h2>",
@@ -167,6 +168,20 @@ def _dimension_table(dimensions: Sequence[Dimension], pattern: Pattern) -> str:
     words = "±: one standard deviation, if the breast were scanned again; wire, neckline and marks are taken as exact."
     note = f'<p class="soft">{words}</p>' if known else ""
     return f"<table>{''.join(lines)}</table>{note}"
+
+
+def _nearest_wire(row: Mapping[str, Any], pattern: Pattern) -> str:
+    """The wire to buy, and how it differs from the wire line."""
+    name = row.get("nearest_wire")
+    longer, wider = (number(row.get(f"nearest_wire_{key}_diff_mm")) for key in ("length", "span"))
+    if name is None or longer is None or wider is None:
+        return ""
+    length, span = (pattern.options.length(abs(value)) for value in (longer, wider))
+    more, broad = "longer" if longer >= 0 else "shorter", "wider" if wider >= 0 else "narrower"
+    return (
+        f"<p>Nearest wire sold: <b>{text(name)}</b>, {length} {more} than the wire line "
+        f"and {span} {broad} from end to end.</p>"
+    )
 
 
 def _doubt(d: Dimension, pattern: Pattern) -> str:

@@ -6,8 +6,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from brafit.fit.loop import CupFit
 from brafit.fit.result import ResultCode
+from brafit.underwires.nearest import nearest_wire
 
 OPTIONAL = {"outline_sd_mm", "upper_edge_mm", "neckline_smoothing_mm"}
 """Figures that not every fit has: no deviation is known of cups with constraints, and there may be no neckline."""
@@ -36,7 +39,7 @@ def fitted_row(fit: CupFit, side: str, points: int, model: Mapping[str, Any], ne
     """
     figures = {key: math.nan if value is None else float(value) for key, value in fit.figures.items()}
     row = failed_row(fit.name, fit.reason, model, side, points)
-    row |= figures | {"iterations": fit.iterations, "seconds": fit.seconds}
+    row |= figures | _wire_to_buy(fit) | {"iterations": fit.iterations, "seconds": fit.seconds}
     if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED, ResultCode.UNLIKE):
         return row
     absent = OPTIONAL if not neckline else {"outline_sd_mm"}
@@ -44,3 +47,13 @@ def fitted_row(fit: CupFit, side: str, points: int, model: Mapping[str, Any], ne
     if missing:
         return row | {"reason": f"{fit.reason}, but not finite: {', '.join(missing)}"}
     return row | {"status": "ok"}
+
+
+def _wire_to_buy(fit: CupFit) -> dict[str, Any]:
+    """The wire sold that comes nearest to the cup's wire edge."""
+    line = fit.shape.edges[0].detach().cpu().double().numpy()
+    if not np.isfinite(line).all():
+        return {}
+    near = nearest_wire(line)
+    differences = {"nearest_wire_length_diff_mm": near.length, "nearest_wire_span_diff_mm": near.span}
+    return {"nearest_wire": near.wire.name, **differences}

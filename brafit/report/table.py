@@ -20,10 +20,11 @@ SUMMARY_KEYS: tuple[str, ...] = (
     "scan", "status", "reason", "side", "cup", "panels", "terms", "solver", "points",
     "rms_mm", "mean_mm", "p95_mm", "max_mm", "upper_edge_mm", "neckline_smoothing_mm",
     "outline_sd_mm", "tightest_radius_mm", "wire_length_mm", "wire_smoothing_mm", "wire_drift_mm",
+    "nearest_wire", "nearest_wire_length_diff_mm", "nearest_wire_span_diff_mm",
     "twist_deg_max", "regularity_min", "isometry_mm", "seam_mismatch_mm", "iterations", "seconds", "warning_count",
 )  # fmt: skip
 """Keys of fit.json and columns of summary.csv, in this order."""
-WORDS = ("scan", "status", "reason", "side", "cup", "solver")
+WORDS = ("scan", "status", "reason", "side", "cup", "solver", "nearest_wire")
 COUNTS = ("panels", "terms", "points", "iterations", "warning_count")
 """Which of them are texts, and which whole numbers."""
 

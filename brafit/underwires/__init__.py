@@ -1,1 +1,1 @@
-"""Underwires that can be bought: their sizes as arcs."""
+"""Underwires that can be bought: the charts of their makers, their shapes, and the one nearest to a wire line."""

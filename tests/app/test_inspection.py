@@ -12,6 +12,7 @@ from brafit.inspection import main
 from brafit.landmarks import landmarks_path, read_landmarks
 from brafit.samples import sample_paths
 from brafit.scan.discovery import passed_over
+from brafit.underwires.nearest import nearest_wire
 
 
 def inspect(*arguments) -> int:
@@ -26,6 +27,9 @@ def test_a_scan_gets_a_picture_and_its_landmarks_back(tmp_path, capsys):
     assert inspect(sample, "--out", tmp_path) == 0
     line = capsys.readouterr().out.strip()
     assert line.startswith(f"{sample.stem}: left: landmarks given, wire given (")
+    wire = read_landmarks(landmarks_path(sample)).wire
+    assert wire is not None
+    assert f", nearest wire sold {nearest_wire(wire)}" in line
     assert (tmp_path / f"{sample.stem}_left.png").read_bytes().startswith(b"\x89PNG")
     given, written = read_landmarks(landmarks_path(sample)), read_landmarks(tmp_path / f"{sample.stem}.json")
     assert given.wire is not None

@@ -1,6 +1,7 @@
 """The web pages: what they say, and in a real browser what they show."""
 
 import io
+import json
 import os
 import re
 import subprocess
@@ -20,6 +21,7 @@ from brafit.landmarks import CupFrame
 from brafit.pattern import PatternOptions, Side
 from brafit.report.index import write_index
 from brafit.result import Result
+from brafit.underwires.sizes import wire_size
 
 ROOT = Path(__file__).parents[2]
 APEX = np.array([RADIUS * np.sin(np.pi / 4), RADIUS + 7.0, RADIUS * np.sin(np.pi / 4) + 6.0])
@@ -196,6 +198,23 @@ def test_what_is_not_asked_for_is_not_made(tmp_path):
         "assert not {'matplotlib', 'reportlab', 'ezdxf', 'PIL', 'tensorboard'} & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", program, tmp_path], check=True, env={**os.environ}, cwd=ROOT)
+
+
+@pytest.mark.parametrize("units", ["mm", "inch"])
+def test_the_wire_to_buy_is_in_the_row_and_on_the_page(tmp_path, units):
+    """The lunes' wire is the half circle of RADIUS: the differences are the catalogue's figures less its own."""
+    one = result(units=units)
+    one.save(tmp_path)
+    row = one.row()
+    wire = wire_size(row["nearest_wire"])
+    assert row["nearest_wire_length_diff_mm"] == pytest.approx(wire.length - np.pi * RADIUS, abs=0.02)
+    assert row["nearest_wire_span_diff_mm"] == pytest.approx(wire.span - 2 * RADIUS, abs=1e-6)
+    length, span = (one.options.length(abs(row[f"nearest_wire_{key}_diff_mm"])) for key in ("length", "span"))
+    longer = "longer" if wire.length > np.pi * RADIUS else "shorter"
+    wider = "wider" if wire.span > 2 * RADIUS else "narrower"
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"<b>{wire.name}</b>, {length} {longer} than the wire line and {span} {wider} from end to end" in page
+    assert json.loads((tmp_path / "fit.json").read_text())["nearest_wire"] == wire.name
 
 
 def test_pages_need_neither_matplotlib_nor_a_browser():

@@ -15,6 +15,7 @@ NAMES = ["plain", 'quo"te, comma', "Größe 胸", "line\nbreak", " space ", "=1+
 def row(name: str = "anny_05", **values) -> dict:
     good = {key: 0.123456789 for key in SUMMARY_KEYS if key.endswith("_mm")}
     words = {"scan": name, "status": "ok", "reason": "converged", "side": "left", "cup": "frames", "solver": "anneal"}
+    words["nearest_wire"] = "harriet:36"
     counts = {"panels": 2, "terms": 6, "points": 4000, "iterations": 300, "seconds": 12.5}
     return {**good, **words, **counts, "twist_deg_max": 1.5, "regularity_min": 0.4, **values}
 
@@ -23,7 +24,9 @@ def test_keys_are_those_of_the_specification():
     assert " ".join(SUMMARY_KEYS) == (
         "scan status reason side cup panels terms solver points rms_mm mean_mm p95_mm max_mm upper_edge_mm "
         "neckline_smoothing_mm outline_sd_mm tightest_radius_mm "
-        "wire_length_mm wire_smoothing_mm wire_drift_mm twist_deg_max regularity_min isometry_mm seam_mismatch_mm "
+        "wire_length_mm wire_smoothing_mm wire_drift_mm "
+        "nearest_wire nearest_wire_length_diff_mm nearest_wire_span_diff_mm "
+        "twist_deg_max regularity_min isometry_mm seam_mismatch_mm "
         "iterations seconds warning_count"
     )
 

@@ -9,11 +9,9 @@ from brafit.anatomy.wire_detection import concavity
 from brafit.cloud import read_cloud
 from brafit.cloud.mesh import sample_faces
 from brafit.cloud.ply import cloud_ply
-from brafit.errors import ConfigError
 from brafit.simulation.scanner import Scanner, seen, simulate
 from brafit.surface.normals import off_surface, surface_of
 from brafit.surface.symmetry import mirror_of
-from brafit.underwires.sizes import SIZES, wire_size
 
 FRONT = np.array([[0.0, 0.0, 1.0]])
 
@@ -110,17 +108,3 @@ def test_the_plane_of_symmetry_is_found(seed):
     assert abs(mirror.offset - shift @ mirror.normal) < 0.2
     place = np.array([120.0, 30, 50])
     np.testing.assert_allclose(mirror(place @ q.T + shift), place * [-1, 1, 1] @ q.T + shift, atol=0.5)
-
-
-def test_wire_sizes_are_arcs_of_their_radius_and_length():
-    for size in (*SIZES.values(), wire_size("65x180")):
-        arc = size.arc(400)
-        assert abs(np.linalg.norm(np.diff(arc, axis=0), axis=1).sum() - size.length) < 0.01
-        centre = np.array([arc[:, 0].max() - size.radius, arc[:, 1].mean()])
-        np.testing.assert_allclose(np.linalg.norm(arc - centre, axis=1), size.radius, atol=1e-3)
-        np.testing.assert_allclose(arc[[0, -1], 0], 0, atol=1e-9)
-    # Size 36 is 4 5/6 inches across.
-    assert abs(2 * SIZES["36"].radius - 122.77) < 0.01
-    for wrong in ("37", "65x20", "big"):
-        with pytest.raises(ConfigError, match=r"^scan\.wire="):
-            wire_size(wrong)
