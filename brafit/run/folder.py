@@ -6,6 +6,7 @@ import contextlib
 import errno
 import tempfile
 from pathlib import Path
+from typing import TypeGuard
 
 from brafit.errors import ConfigError
 
@@ -54,7 +55,7 @@ def why_not(out: Path, error: OSError | ValueError) -> str:
     return f"out={shown}: {cause.format(place=place)}; {remedy}"
 
 
-def is_about_writing(error: BaseException) -> bool:
+def is_about_writing(error: BaseException) -> TypeGuard[OSError]:
     """Whether an error says that a disk or folder takes no more."""
     return isinstance(error, OSError) and error.errno in _CAUSES
 
