@@ -29,6 +29,7 @@ from brafit.arguments import prepared
 from brafit.atomic import write_text
 from brafit.config import check, check_launcher, explain, from_settings, help_text, register, sources
 from brafit.errors import BrafitError, ConfigError
+from brafit.quoting import unquoted
 from brafit.run.folder import is_about_writing, make_writable, why_not
 from brafit.run.job import REDO
 from brafit.run.recipe import recipe_from_settings
@@ -84,7 +85,7 @@ class Statuses(Callback):
         if _STATUSES in os.environ:
             fixed = set(config.hydra.job.config.override_dirname.exclude_keys)
             own = (text.partition("=") for text in config.hydra.overrides.task)
-            overrides = {key: value for key, _, value in own if key not in fixed}
+            overrides = {key: unquoted(value) for key, _, value in own if key not in fixed}
             job = SweepJob(Path(config.hydra.runtime.output_dir).name, overrides, _status_of(job_return))
             write_status(Path(os.environ[_STATUSES]), config.hydra.job.num, job)
 

@@ -299,9 +299,10 @@ LONGEST = 150
 def job_folder(overrides: str, number: int) -> str:
     """A folder's name for a job's own overrides (`cup.panels=2,cup.terms=8`); its number if there are none.
 
-    What a name cannot hold becomes an underscore; long names are cut, and end with the number.
+    Quotes are left out, and what a name cannot hold becomes an underscore; long names are cut, and end with the number.
     """
-    name = "".join(c if c.isalnum() or c in "=.,-+[]" else "_" for c in overrides).strip(".")
+    plain = re.sub("""['"]""", "", overrides)
+    name = "".join(c if c.isalnum() or c in "=.,-+[]" else "_" for c in plain).strip(".")
     if not name:
         return str(number)
     return name if len(name) <= LONGEST else f"{name[:LONGEST]}_{number}"

@@ -52,7 +52,7 @@ def check_scan(cloud: Cloud, landmarks: Landmarks) -> None:
         _check_cloud_size(cloud.path, cloud.points, length)
     _check_distances(landmarks, cloud)
     if landmarks.wire is not None:
-        _check_whole_wire(landmarks.path, landmarks.wire, cloud)
+        _check_covers(landmarks, cloud)
     if cloud.inside is not None:
         _check_flag(cloud.path, cloud.inside)
 
@@ -112,14 +112,30 @@ def _check_distances(landmarks: Landmarks, cloud: Cloud) -> None:
             raise InputError(landmarks.path, f"{name}: {where}", remedy)
 
 
-def _check_whole_wire(file: Path, wire: np.ndarray, cloud: Cloud) -> None:
-    flagged = cloud.inside is not None and cloud.inside.any()
-    points = cloud.points[cloud.inside] if flagged else cloud.points
-    size, length = float(np.linalg.norm(np.ptp(points, axis=0))), polyline_length(wire)
-    if size <= ONE_BREAST and size > (COVERED if flagged else COVERED_WITH_MARGIN) * length and _bow(wire) < BOW:
+def _check_covers(landmarks: Landmarks, cloud: Cloud) -> None:
+    assert landmarks.wire is not None
+    if cloud.inside is None or not cloud.inside.any():
+        check_whole_wire(landmarks, cloud.points, COVERED_WITH_MARGIN)
+    else:
+        check_whole_wire(landmarks, cloud.points[cloud.inside], COVERED)
+
+
+def check_whole_wire(landmarks: Landmarks, points: Float[np.ndarray, "n 3"], largest: float = 0.0) -> None:
+    """Refuse a wire that covers only a part of the line under a breast.
+
+    Args:
+        points: of one breast, if they are no more than that (`ONE_BREAST`).
+        largest: size of a breast over the length of its wire that is possible.
+
+    Raises:
+        InputError: the wire is too flat and too short for the points.
+    """
+    assert landmarks.wire is not None
+    size, length = float(np.linalg.norm(np.ptp(points, axis=0))), polyline_length(landmarks.wire)
+    if largest * length < size <= ONE_BREAST and _bow(landmarks.wire) < BOW:
         what = f"it is {length:.0f} mm long, the breast {size:.0f} mm across"
         remedy = "Trace the whole crease, from its inner to its outer end"
-        raise InputError(file, f"wire: it covers only a part of the breast's line: {what}", remedy)
+        raise InputError(landmarks.path, f"wire: it covers only a part of the breast's line: {what}", remedy)
 
 
 def _bow(wire: np.ndarray) -> float:

@@ -18,6 +18,7 @@ from brafit.errors import ConfigError, InputError
 from brafit.geometry.order import along_curve
 from brafit.landmarks.cup_frame import CupFrame
 from brafit.landmarks.file import SIDES, landmarks_path
+from brafit.landmarks.plausibility import check_whole_wire
 from brafit.landmarks.units import MILLIMETRES, NAMES, Units
 from brafit.scan.framed import Framed, framed
 from brafit.scan.marked import Marked, origin_of, with_marks
@@ -238,7 +239,7 @@ def load_sides(
         try:
             breast = framed(marked, side, wire)
             gathered = gathering.about(breast)
-            bounded = _bounded(path, breast, gathered)
+            bounded = _bounded(marked, breast, gathered)
             cleaned = _cleaned(marked, gathered, bounded, points)
             found = _gaps(path, cleaned, bounded)
             notes = _notes(marked, breast, gathered, bounded, cleaned, found, chosen=side is not None)
@@ -259,11 +260,11 @@ def _check_choice(key: str, value: str | None, choices: tuple[str, ...]) -> None
         raise ConfigError(f"scan.{key}: {value}, but it must be one of {', '.join(choices)}")
 
 
-def _bounded(path: Path, breast: Framed, gathered: Gathered) -> Bounded:
+def _bounded(marked: Marked, breast: Framed, gathered: Gathered) -> Bounded:
     """The lines between which the cup lies.
 
     Raises:
-        InputError: nothing says where on a torso the cup ends.
+        InputError: nothing says where on a torso the cup ends; the wire is too short for a breast.
     """
     neckline, origin = breast.upper_line(), origin_of(breast.marks)
     strap = breast.mark("strap_point")
@@ -275,8 +276,9 @@ def _bounded(path: Path, breast: Framed, gathered: Gathered) -> Bounded:
     if neckline is not None:
         return Bounded(neckline, origin, closed(breast.wire, neckline))
     if gathered.whole:
+        check_whole_wire(breast.marks, marked.cloud.points)
         raise InputError(
-            path,
+            marked.cloud.path,
             "the cloud is more than one breast, and nothing says where the cup ends",
             f"Mark landmarks.strap_point or upper_line, or give the points a property '{FLAG}', 1 on the breast",
         )
