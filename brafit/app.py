@@ -12,7 +12,7 @@ import shlex
 import shutil
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,9 +25,12 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
 from brafit import __version__
+from brafit.arguments import prepared
 from brafit.atomic import write_text
-from brafit.config import check, explain, from_settings, help_text, register, sources
+from brafit.config import check, check_launcher, explain, from_settings, help_text, register, sources
 from brafit.errors import BrafitError, ConfigError
+from brafit.quoting import unquoted
+from brafit.run.folder import is_about_writing, make_writable, why_not
 from brafit.run.job import REDO
 from brafit.run.recipe import recipe_from_settings
 from brafit.run.store import differences, relevant
@@ -51,7 +54,11 @@ class Statuses(Callback):
     """
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
+        """Refuse what cannot run before Hydra makes its folder."""
         _note(NOTHING_RAN)
+        with _refusing():
+            check_launcher(config)
+            make_writable(Path(config.hydra.run.dir))
 
     def on_run_end(self, config: DictConfig, *, job_return: JobReturn | None = None, **_: Any) -> None:
         _note(_status_of(job_return))
@@ -61,12 +68,11 @@ class Statuses(Callback):
         _note(NOTHING_RAN)
         arguments = list(config.hydra.overrides.task)
         swept, fixed = parted(arguments)
-        try:
+        with _refusing():
+            check_launcher(config)
             for settings in combinations(swept, fixed):
                 recipe_from_settings(plain_settings(from_settings(settings)), {})
-        except BrafitError as error:  # of other errors in a callback Hydra would only warn
-            print(f"brafit: {error}", file=sys.stderr)
-            sys.exit(NOTHING_RAN)
+            make_writable(Path(config.hydra.sweep.dir))
         excluded = ",".join(key for key in fixed)
         with read_write(config), open_dict(config):
             config.hydra.overrides.hydra.append(f"hydra.job.config.override_dirname.exclude_keys=[{excluded}]")
@@ -79,7 +85,7 @@ class Statuses(Callback):
         if _STATUSES in os.environ:
             fixed = set(config.hydra.job.config.override_dirname.exclude_keys)
             own = (text.partition("=") for text in config.hydra.overrides.task)
-            overrides = {key: value for key, _, value in own if key not in fixed}
+            overrides = {key: unquoted(value) for key, _, value in own if key not in fixed}
             job = SweepJob(Path(config.hydra.runtime.output_dir).name, overrides, _status_of(job_return))
             write_status(Path(os.environ[_STATUSES]), config.hydra.job.num, job)
 
@@ -93,6 +99,16 @@ class Statuses(Callback):
             gather(folder.parent, jobs)
             print(f"{len(jobs)} jobs. Table over all: {config.hydra.sweep.dir}/sweep.csv, pages: index.html beside it")
         _note(max((job.status for job in jobs), default=NOTHING_RAN))
+
+
+@contextlib.contextmanager
+def _refusing() -> Iterator[None]:
+    """Ends the process where something is refused: of errors in a callback Hydra would only warn."""
+    try:
+        yield
+    except BrafitError as error:
+        print(f"brafit: {error}", file=sys.stderr)
+        sys.exit(NOTHING_RAN)
 
 
 def _note(status: int | None) -> None:
@@ -115,10 +131,12 @@ def main() -> None:
     # Hydra prints its errors at length and exits with 1, unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register()
+    given = sys.argv[1:]
     try:
-        if sys.argv[1:] in (["--help"], ["-h"]):
+        if given in (["--help"], ["-h"]):
             print(help_text())
         else:
+            sys.argv[1:] = given = prepared(given)
             _hydra()
     except KeyboardInterrupt:
         print("brafit: interrupted; what is finished is kept", file=sys.stderr)
@@ -128,7 +146,7 @@ def main() -> None:
     except Exception as error:
         if full:
             raise
-        print(f"brafit: {explain(error, sys.argv[1:])}", file=sys.stderr)
+        print(f"brafit: {explain(error, given)}", file=sys.stderr)
         sys.exit(NOTHING_RAN)
     sys.exit(_status or 0)
 
@@ -148,6 +166,9 @@ def _hydra(config: DictConfig) -> int:
     except BrafitError as error:
         print(f"brafit: {error}", file=sys.stderr)
     except Exception as error:
+        if is_about_writing(error):
+            print(f"brafit: {why_not(out, error)}", file=sys.stderr)
+            return NOTHING_RAN
         traceback.print_exc()
         print(f"brafit: unexpected {type(error).__name__}, please report it with the lines above", file=sys.stderr)
     _remove_if_unused(out)

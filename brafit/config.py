@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
+import importlib.util
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,10 +15,12 @@ from hydra import compose, initialize_config_module
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.singleton import Singleton
-from hydra.errors import OverrideParseException
+from hydra.errors import HydraException
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 
 from brafit.errors import ConfigError
+from brafit.quoting import readable
+from brafit.refusal import EXTRAS, missing_launcher, refusal, refused_mark
 
 
 def limited(least: float, most: float | None = None) -> Any:
@@ -297,9 +299,10 @@ LONGEST = 150
 def job_folder(overrides: str, number: int) -> str:
     """A folder's name for a job's own overrides (`cup.panels=2,cup.terms=8`); its number if there are none.
 
-    What a name cannot hold becomes an underscore; long names are cut, and end with the number.
+    Quotes are left out, and what a name cannot hold becomes an underscore; long names are cut, and end with the number.
     """
-    name = "".join(c if c.isalnum() or c in "=.,-+[]" else "_" for c in overrides).strip(".")
+    plain = re.sub("""['"]""", "", overrides)
+    name = "".join(c if c.isalnum() or c in "=.,-+[]" else "_" for c in plain).strip(".")
     if not name:
         return str(number)
     return name if len(name) <= LONGEST else f"{name[:LONGEST]}_{number}"
@@ -346,13 +349,27 @@ def from_settings(settings: Sequence[str]) -> DictConfig:
     Raises:
         ConfigError: names the key, what came and what is allowed.
     """
+    given = readable_settings(settings)
     try:
         with _own_hydra():
-            config = compose("config", overrides=list(settings))
+            config = compose("config", overrides=given)
     except Exception as error:
-        raise ConfigError(explain(error, list(settings))) from error
+        raise ConfigError(explain(error, given)) from error
     check(config)
     return config
+
+
+def readable_settings(settings: Sequence[str]) -> list[str]:
+    """Settings of the form `key=value` as Hydra can read them.
+
+    Raises:
+        ConfigError: one would take a setting away or add one (`~key`, `+key=value`), or its name has letters that no
+            setting has.
+    """
+    for text in settings:
+        if line := refused_mark(text, lambda: _choices_only(settings)):
+            raise ConfigError(line)
+    return [readable(text) for text in settings]
 
 
 def help_text() -> str:
@@ -449,6 +466,25 @@ def check_device(name: str) -> None:
         raise ConfigError(f"device={name}: PyTorch sees {count or 'no'} CUDA device(s) here; use device=cpu")
 
 
+def check_launcher(config: DictConfig) -> None:
+    """Refuse a launcher whose package is not installed.
+
+    Raises:
+        ConfigError: says what to install.
+    """
+    target = str(config.hydra.launcher.get("_target_", ""))
+    match = re.match(r"(hydra_plugins\.hydra_(\w+)_launcher)\.", target)
+    if match and match[2] in EXTRAS and not _importable(match[1]):
+        raise ConfigError(missing_launcher(match[2], list(config.hydra.overrides.hydra)))
+
+
+def _importable(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ImportError:
+        return False
+
+
 def _check_limits(node: DictConfig | ListConfig, prefix: str) -> None:
     schema = OmegaConf.get_type(node)
     limits = {item.name: item.metadata for item in fields(schema)} if is_dataclass(schema) else {}
@@ -472,52 +508,23 @@ def _refusal(
     return f"at least {least:g}" if most is None else f"from {least:g} to {most:g}"
 
 
-def explain(error: BaseException, overrides: list[str]) -> str:
+def explain(error: BaseException, overrides: Sequence[str]) -> str:
     """One line for a setting that Hydra refused: the key, what came and what is allowed.
 
     Args:
         error: what composing the configuration raised.
         overrides: the command line's arguments.
     """
-    text, cause = str(error), error.__cause__ or error
-    key = getattr(cause, "full_key", None)
-    if isinstance(error, OverrideParseException):
-        form = "write key=value; a value with brackets and the like needs quotes of its own: \"key='a[1]'\""
-        return f"'{error.override}' cannot be read: {form}"
-    if match := re.match(r"Ambiguous value for argument '(.*?)=(.*)'", text):
-        choice = f"add -m to run each in turn, or write a list: {match[1]}=[{match[2]}]"
-        return f"{match[1]}={match[2]}: several values; {choice}"
-    if match := re.search(r"Error locating target 'hydra_plugins\.hydra_(\w+)_launcher", f"{text} {cause}"):
-        extra = {"joblib": "joblib", "ray": "ray", "submitit": "slurm"}[match[1]]
-        return f"this launcher needs a package that is not installed: pip install 'brafit[{extra}]'"
-    if match := re.search(r"Could not find '(\w+)/(\S+)'", text):
-        choices = [name for name in re.findall(r"^\t(\w+)$", text, re.MULTILINE) if not name.endswith("_schema")]
-        return f"{match[1]}={match[2]}: there is no such choice; allowed: {', '.join(choices) or 'none'}"
-    if match := re.match(r"Value '(.*)' of type '\w+' could not be converted to (\w+)", str(cause)):
-        kind = {"Integer": "a whole number", "Float": "a number", "Boolean": "true or false"}.get(match[2], match[2])
-        return f"{key}={match[1]}: must be {kind}"
-    if match := re.match(r"Invalid value assigned: (\w+) is not a ListConfig", str(cause)):
-        return f"{key}: must be a list: {key}=[VALUE,VALUE]"
-    if key and re.match(r"Key '.*' (is not in struct|not in ')", str(cause)):
-        return _unknown_key(str(key), overrides)
-    return " ".join(str(cause).split()) or type(cause).__name__
+    return refusal(error, overrides, lambda: _choices_only(overrides))
 
 
-def _unknown_key(key: str, overrides: list[str]) -> str:
-    """What to say of a key that does not exist: the names that do, at the deepest level that does."""
-    parent, _, last = key.rpartition(".")
-    node = OmegaConf.select(_choices_only(overrides), parent) if parent else _choices_only(overrides)
-    if not isinstance(node, DictConfig):
-        return f"unknown setting '{key}'"
-    names = [str(name) for name in node if not str(name).startswith("_")]
-    meant = difflib.get_close_matches(last, names, n=1)
-    hint = f"did you mean {f'{parent}.' if parent else ''}{meant[0]}? " if meant else ""
-    return f"unknown setting '{key}'; {hint}allowed{f' in {parent}' if parent else ''}: {', '.join(names)}"
-
-
-def _choices_only(overrides: list[str]) -> DictConfig:
+def _choices_only(overrides: Sequence[str]) -> DictConfig:
     """The configuration of the command line's choices of groups, without its values."""
     folder = resources.files("brafit.conf")
-    chosen = [text for text in overrides if "=" in text and folder.joinpath(text.split("=")[0]).is_dir()]
+    pairs = [text.partition("=") for text in overrides]
+    chosen = [f"{key}={value}" for key, _, value in pairs if key and value and folder.joinpath(key).is_dir()]
     with _own_hydra():
-        return compose("config", overrides=chosen)
+        try:
+            return compose("config", overrides=chosen)
+        except HydraException:  # a choice that does not exist
+            return compose("config")

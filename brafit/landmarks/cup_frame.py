@@ -62,15 +62,7 @@ def frame_from_wire(
     Raises:
         InputError: the wire is no bow, or it runs the wrong way round for `side`.
     """
-    even = evenly_spaced(wire, 200)
-    y = _bow_chord(even, file)
-    normal = np.linalg.svd(even - even.mean(axis=0), full_matrices=False)[2][2]
-    z = normal - (normal @ y) * y
-    z /= np.linalg.norm(z)
-    if (front - wire[0]) @ z < 0:
-        z = -z
-    x = np.cross(y, z) * (1.0 if side == "left" else -1.0)
-    frame = CupFrame(wire[0].copy(), np.stack([x, y, z]))
+    frame, even = _frame_and_line(wire, side, front, file)
     if frame.to_cup(even)[:, 0].mean() <= 0:
         other = "right" if side == "left" else "left"
         raise InputError(
@@ -81,21 +73,52 @@ def frame_from_wire(
     return frame
 
 
+def runs_backwards(wire: Float[np.ndarray, "k 3"], side: str, front: Float[np.ndarray, "3"], file: str | Path) -> bool:
+    """Whether a wire runs from the outer to the inner end, if it is one of this side's breast.
+
+    Raises:
+        InputError: the wire is no bow.
+    """
+    frame, even = _frame_and_line(wire, side, front, file)
+    return bool(frame.to_cup(even)[:, 0].mean() <= 0)
+
+
+def _frame_and_line(wire: np.ndarray, side: str, front: np.ndarray, file: str | Path) -> tuple[CupFrame, np.ndarray]:
+    """The cup frame, if the wire runs from its inner to its outer end, and the wire in even steps."""
+    even = evenly_spaced(wire, 200)
+    y = _bow_chord(even, file)
+    normal = np.linalg.svd(even - even.mean(axis=0), full_matrices=False)[2][2]
+    z = normal - (normal @ y) * y
+    z /= np.linalg.norm(z)
+    if (front - wire[0]) @ z < 0:
+        z = -z
+    x = np.cross(y, z) * (1.0 if side == "left" else -1.0)
+    return CupFrame(wire[0].copy(), np.stack([x, y, z])), even
+
+
 def from_inner_end(
-    wire: Float[np.ndarray, "k 3"], inner_end: Float[np.ndarray, "3"] | None, file: str | Path
+    wire: Float[np.ndarray, "k 3"],
+    inner_end: Float[np.ndarray, "3"] | None,
+    file: str | Path,
+    outer_end: Float[np.ndarray, "3"] | None = None,
 ) -> Float[np.ndarray, "k 3"]:
-    """The wire with its inner end first: as it is, or reversed if only that puts the end at `inner_end`.
+    """The wire with its inner end first: as it is, or reversed if only that puts its ends at the marked ones.
 
     Raises:
         InputError: neither end is at `inner_end`.
     """
     if inner_end is None:
-        return wire
-    first, last = (float(np.linalg.norm(end - inner_end)) for end in (wire[0], wire[-1]))
+        reverse = outer_end is not None and _away(wire[0], outer_end) <= END_TOLERANCE < _away(wire[-1], outer_end)
+        return wire[::-1].copy() if reverse else wire
+    first, last = (_away(end, inner_end) for end in (wire[0], wire[-1]))
     if min(first, last) > END_TOLERANCE:
         cause = f"landmarks.inner_end: {min(first, last):.1f} mm from the nearer end of the wire"
         raise InputError(file, cause, f"Both mark the same point: bring them within {END_TOLERANCE:g} mm")
     return wire if first <= last else wire[::-1].copy()
+
+
+def _away(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.linalg.norm(one - other))
 
 
 def _bow_chord(wire: np.ndarray, file: str | Path) -> np.ndarray:

@@ -30,19 +30,29 @@ MARK_DISTANCE = 50.0
 BREAST_REACH = 0.6
 """Largest median distance of the points from the middle of the wire, over the wire length."""
 
+COVERED, COVERED_WITH_MARGIN = 1.5, 1.75
+"""Largest size of a breast, and of one with its margin, over the length of a wire that is as flat as half of one. Of 14
+breasts 0.9 to 1.1 and 1.0 to 1.3 of the whole wire's length, but 1.8 to 2.3 and 2.1 to 2.6 of a half's."""
+BOW = 0.35
+"""Height over span from which on a wire is a whole one: 0.44 to 0.59 on those, 0.13 to 0.24 of halves."""
+ONE_BREAST = 450.0
+"""Largest diagonal (mm) of a cloud that holds one breast; those were up to 310 mm, torsos 890 or more."""
+
 
 def check_scan(cloud: Cloud, landmarks: Landmarks) -> None:
     """Refuse a scan whose cloud and landmarks (both in millimetres) cannot be what they should be.
 
     Raises:
         InputError: wire of an impossible length; cloud too small for it; wire or marks away from the cloud; too few
-            points flagged inside.
+            points flagged inside; a wire that covers only a part of the breast's line.
     """
     if landmarks.wire is not None:
         length = polyline_length(landmarks.wire)
         _check_wire_length(landmarks.path, length)
         _check_cloud_size(cloud.path, cloud.points, length)
     _check_distances(landmarks, cloud)
+    if landmarks.wire is not None:
+        _check_covers(landmarks, cloud)
     if cloud.inside is not None:
         _check_flag(cloud.path, cloud.inside)
 
@@ -100,6 +110,39 @@ def _check_distances(landmarks: Landmarks, cloud: Cloud) -> None:
             if name in lines:
                 where = f"nowhere near the cloud, {far:.0f} mm away from it"
             raise InputError(landmarks.path, f"{name}: {where}", remedy)
+
+
+def _check_covers(landmarks: Landmarks, cloud: Cloud) -> None:
+    assert landmarks.wire is not None
+    if cloud.inside is None or not cloud.inside.any():
+        check_whole_wire(landmarks, cloud.points, COVERED_WITH_MARGIN)
+    else:
+        check_whole_wire(landmarks, cloud.points[cloud.inside], COVERED)
+
+
+def check_whole_wire(landmarks: Landmarks, points: Float[np.ndarray, "n 3"], largest: float = 0.0) -> None:
+    """Refuse a wire that covers only a part of the line under a breast.
+
+    Args:
+        points: of one breast, if they are no more than that (`ONE_BREAST`).
+        largest: size of a breast over the length of its wire that is possible.
+
+    Raises:
+        InputError: the wire is too flat and too short for the points.
+    """
+    assert landmarks.wire is not None
+    size, length = float(np.linalg.norm(np.ptp(points, axis=0))), polyline_length(landmarks.wire)
+    if largest * length < size <= ONE_BREAST and _bow(landmarks.wire) < BOW:
+        what = f"it is {length:.0f} mm long, the breast {size:.0f} mm across"
+        remedy = "Trace the whole crease, from its inner to its outer end"
+        raise InputError(landmarks.path, f"wire: it covers only a part of the breast's line: {what}", remedy)
+
+
+def _bow(wire: np.ndarray) -> float:
+    """Height of a line above its chord, over the chord's length."""
+    offset, chord = wire - wire[0], wire[-1] - wire[0]
+    span = max(float(np.linalg.norm(chord)), 1e-9)
+    return float(np.linalg.norm(offset - np.outer(offset @ chord, chord) / span**2, axis=1).max()) / span
 
 
 def _check_flag(file: Path, inside: Bool[np.ndarray, " n"]) -> None:

@@ -107,16 +107,16 @@ def _csv_line(cells: Sequence[str]) -> str:
     return text.getvalue()
 
 
-def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The main columns, aligned, in mm and degrees; the reasons of failed scans stand below."""
+def format_table(rows: Sequence[Mapping[str, Any]], reasons: bool = True) -> str:
+    """The main columns, aligned, in mm and degrees; the reasons of failed scans stand below, if they are wanted."""
     plain = [_plain(_complete(row)) for row in rows]
     cells = [[heading for _, heading, _ in _SHORT]]
     cells += [["" if row[key] is None else format(row[key], style) for key, _, style in _SHORT] for row in plain]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     align = [str.ljust if style == "s" else str.rjust for _, _, style in _SHORT]
     lines = ["  ".join(map(lambda put, cell, w: put(cell, w), align, row, widths)).rstrip() for row in cells]
-    reasons = [f"{row['scan']}: {row['reason']}" for row in plain if row["status"] == "failed" and row["reason"]]
-    return "\n".join(lines + reasons)
+    failed = [row for row in plain if reasons and row["status"] == "failed" and row["reason"]]
+    return "\n".join([*lines, *(f"{row['scan']}: {row['reason']}" for row in failed)])
 
 
 def _complete(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,17 +15,25 @@ CAUSES = 12
 """Reasons that are listed."""
 
 
-def closing(done: Sequence[Done], out: Path) -> str:
-    """The table of a small run, or of what failed in a large one; how many are ok, warned of and failed, by reason."""
+def closing(done: Sequence[Done], out: Path, told: bool = False) -> str:
+    """The table of a small run, or of what failed in a large one; how many are ok, warned of and failed. A failure's
+    reason is said once; of a large run the reasons are counted as well.
+
+    Args:
+        told: each failure was said when it happened.
+    """
     tally = Tally()
     for one in done:
         tally.add(one)
-    shown = [one.row for one in done if len(done) <= ROWS or not one.ok][:ROWS]
-    lines = [format_table(shown), ""] if shown else []
+    large = len(done) > ROWS
+    shown = [] if large and told else [one.row for one in done if not (large and one.ok)][:ROWS]
+    lines = [format_table(shown, reasons=not told), ""] if shown else []
     counts = f"{tally.ok} of {tally.total} scans ok"
     details = [f"{tally.warned} of them with warnings"] * bool(tally.warned)
     details += [f"{tally.kept} kept from before"] * bool(tally.kept)
-    lines.append(f"{', '.join([counts, *details])}{f'; {tally.failed} failed:' if tally.failed else '.'}")
-    lines += [f"  {count} x {cause}" for cause, count in tally.causes.most_common(CAUSES)]
-    lines += [f"  and {len(tally.causes) - CAUSES} other reasons"] * (len(tally.causes) > CAUSES)
+    why = ":" if large else ", for the reasons above."
+    lines.append(f"{', '.join([counts, *details])}{f'; {tally.failed} failed{why}' if tally.failed else '.'}")
+    if large:
+        lines += [f"  {count} x {cause}" for cause, count in tally.causes.most_common(CAUSES)]
+        lines += [f"  and {len(tally.causes) - CAUSES} other reasons"] * (len(tally.causes) > CAUSES)
     return "\n".join([*lines, f"Results: {out}"])

@@ -13,11 +13,13 @@ import pickle
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from brafit.errors import BrafitError
 from brafit.processes import Event, Lost, Pool, Raised, Returned, Told
 from brafit.run.dataset import ScanRef
+from brafit.run.folder import is_about_writing, why_not
 from brafit.run.job import KEEP, Done, Job, Overview, Row
 from brafit.run.sinks import Activity
 
@@ -59,7 +61,7 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
         finally:
             conductor.close()
     if say is not None:
-        say(closing(conductor.done, job.out))
+        say(closing(conductor.done, job.out, told=any(sink.tells for sink in job.sinks)))
     return [done.row for done in conductor.done]
 
 
@@ -304,15 +306,19 @@ class _Conductor:
                 for k in range(len(task.ref.names)):
                     self._charge(task.ref, k, f"{task.stage} it", event)
         else:
-            raise BrafitError(f"{task.ref.path}: its failure cannot be written down: {event}")
+            raise BrafitError(f"{task.ref.path}: its failure cannot be written down: {_why(self.job.out, event)}")
 
     def _charge(self, ref: ScanRef, k: int, during: str, event: Raised | Lost) -> None:
         if isinstance(event, Lost):
             reason = f"{ref.path}: {during} {_ending(event)}. {_REMEDIES[during]}."
             self.queues.finishing.append(_Failing(ref, k, reason))
             return
+        if is_about_writing(event.error) and during != "reading it":
+            reason = f"{ref.path}: its results cannot be written: {why_not(self.job.out, event.error)}."
+            self.queues.finishing.append(_Failing(ref, k, reason))
+            return
         said = " ".join(str(event.error).split())[:200]
-        reason = f"unexpected {type(event.error).__name__} in {during}: {said} (see errors.log)"
+        reason = f"{ref.path}: unexpected {type(event.error).__name__} in {during}: {said} (see errors.log)"
         self.queues.finishing.append(_Failing(ref, k, reason, event.trace))
 
     def _show(self) -> None:
@@ -324,6 +330,14 @@ class _Conductor:
         )  # fmt: skip
         for sink in self.job.sinks:
             sink.activity(activity)
+
+
+def _why(out: Path, event: Raised | Lost) -> str:
+    if isinstance(event, Lost):
+        return _ending(event)
+    if is_about_writing(event.error):
+        return why_not(out, event.error)
+    return " ".join(f"{type(event.error).__name__} {event.error}".split())
 
 
 def _ending(event: Lost) -> str:

@@ -38,9 +38,10 @@ def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callable[[Step], Non
 
 def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
     """The fit of a scan with all that can be made of it."""
+    turned = ", from its outer end: turned" * scan.origin.wire_turned
     sources = {
         "points": f"{scan.path.name}, {len(scan.points)} used",
-        "wire": f"{scan.origin.wire} ({len(scan.wire)} points)",
+        "wire": f"{scan.origin.wire} ({len(scan.wire)} points){turned}",
         "side": f"{scan.origin.marks} ({scan.side})",
         "neckline": "none: only the points say where the cup ends" if scan.neckline is None else scan.origin.neckline,
         "strap point": "none" if scan.strap_point is None else scan.origin.marks,

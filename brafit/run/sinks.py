@@ -38,6 +38,8 @@ class Sink:
 
     watches: int = 0
     """Scans, the first ones of the dataset, of which it wants every step of the fit, and pictures."""
+    tells: bool = False
+    """Whether it says each failure to the user as it happens."""
 
     def starting(self) -> None:
         """Nothing is known yet but that the run begins."""
@@ -287,11 +289,14 @@ class Progress(Sink):
         details: largest number of scans whose notes and warnings are said one by one.
     """
 
+    tells = True
+
     def __init__(self, seconds: float = 30.0, details: int = 60):
         self._seconds, self._details = seconds, details
         self._watched = sys.stderr.isatty()
         self._bar: Any = None
         self._tally = Tally()
+        self._failures: set[str] = set()
         self._activity = Activity()
         self._begun = self._said = 0.0
         self._total = 0
@@ -304,6 +309,7 @@ class Progress(Sink):
         from tqdm import tqdm
 
         self._tally, self._total = Tally(), len(overview.names)
+        self._failures = set()
         self._bar = tqdm(
             total=self._total,
             desc="scans",
@@ -330,7 +336,7 @@ class Progress(Sink):
     def scan(self, done: Done) -> None:
         self._tally.add(done)
         if not done.ok:
-            self._line(f"failed: {done.row['reason']}" if ":" in done.row["reason"] else _named(done))
+            self._failure(f"failed: {done.row['reason']}" if ":" in done.row["reason"] else _named(done))
         elif self._total <= self._details and not done.kept:
             for note in done.notes:
                 self._line(f"note: {note}")
@@ -360,6 +366,12 @@ class Progress(Sink):
         a = self._activity
         words = f"{self._tally}; loading {a.loading}, fitting {a.fitting}, writing {a.writing}"
         self._bar.set_postfix_str(words, refresh=False)
+
+    def _failure(self, line: str) -> None:
+        """Say why a scan failed; what keeps both breasts of a file from being fitted is one failure."""
+        if line not in self._failures:
+            self._failures.add(line)
+            self._line(line)
 
     def _line(self, text: str) -> None:
         from tqdm import tqdm

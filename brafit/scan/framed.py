@@ -11,7 +11,7 @@ from brafit.anatomy.torso import Body, apex_of, body_from_marks, body_of, wire_a
 from brafit.anatomy.wire_detection import Wire
 from brafit.cloud.read import Cloud
 from brafit.errors import InputError
-from brafit.landmarks.cup_frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end
+from brafit.landmarks.cup_frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end, runs_backwards
 from brafit.landmarks.file import Landmarks
 from brafit.landmarks.plausibility import check_scan
 from brafit.scan.marked import Marked, origin_of
@@ -32,6 +32,7 @@ class Framed:
         guessed: share of the wire that no crease shows; None for one that is not found.
         frame: the cup frame.
         wire: in the cup frame, inner end first.
+        turned: the wire was given from its outer end; `marks` have it from the inner.
     """
 
     marks: Landmarks
@@ -40,6 +41,7 @@ class Framed:
     guessed: float | None
     frame: CupFrame
     wire: Float[np.ndarray, "k 3"]
+    turned: bool
 
     def mark(self, name: str) -> Float[np.ndarray, "3"] | None:
         """A marked point in the cup frame, if there is one."""
@@ -77,8 +79,9 @@ def framed(marked: Marked, side: str | None, wire: str | None) -> Framed:
     marks, marks_origin = marked.of(side)
     check_scan(marked.cloud, marks)
     marks, wire_origin, guessed = _with_wire(marked, marks, wire)
+    marks, turned = inner_end_first(marked, marks)
     frame = frame_of(marked.cloud, marks)
-    return Framed(marks, marks_origin, wire_origin, guessed, frame, frame.to_cup(_line(marks)))
+    return Framed(marks, marks_origin, wire_origin, guessed, frame, frame.to_cup(_line(marks)), turned)
 
 
 def frame_of(cloud: Cloud, marks: Landmarks) -> CupFrame:
@@ -90,6 +93,32 @@ def frame_of(cloud: Cloud, marks: Landmarks) -> CupFrame:
     line = _line(marks)
     _check_outer_end(line, marks)
     return frame_from_wire(line, marks.side, _front(cloud, marks), marks.path)
+
+
+def inner_end_first(marked: Marked, marks: Landmarks) -> tuple[Landmarks, bool]:
+    """Marks whose wire runs from its inner to its outer end, and whether it was turned for that.
+
+    The marked ends say which is which; where none is marked the side does, and on a torso the end that is nearer to
+    the body's middle.
+
+    Raises:
+        InputError: the wire is no bow, or does not end at the marked inner end.
+    """
+    assert marks.wire is not None
+    line = from_inner_end(marks.wire, marks.points.get("inner_end"), marks.path, marks.points.get("outer_end"))
+    turned = line is not marks.wire
+    if not ({"inner_end", "outer_end"} & marks.points.keys()):
+        turned = runs_backwards(line, marks.side, _front(marked.cloud, marks), marks.path)
+        turned = turned and not (marked.whole.is_torso and _starts_nearer_the_middle(line, marked))
+        line = line[::-1].copy() if turned else line
+    return (replace(marks, wire=line), True) if turned else (marks, False)
+
+
+def _starts_nearer_the_middle(line: np.ndarray, marked: Marked) -> bool:
+    """Whether a torso's plane of symmetry is nearer to a line's start than to its end."""
+    ends = line[[0, -1]]
+    first, last = np.linalg.norm(marked.whole.mirror(ends) - ends, axis=1)
+    return bool(first < last)
 
 
 def _line(marks: Landmarks) -> np.ndarray:

@@ -18,6 +18,7 @@ from brafit.errors import ConfigError, InputError
 from brafit.geometry.order import along_curve
 from brafit.landmarks.cup_frame import CupFrame
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
+from brafit.landmarks.plausibility import check_whole_wire
 from brafit.landmarks.units import MILLIMETRES, NAMES, Units
 from brafit.scan.framed import Framed, framed
 from brafit.scan.marked import Marked, origin_of, with_marks
@@ -26,6 +27,7 @@ from brafit.surface.cleaning import Cleaned, Cleaning, check_settings, finish
 from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.gaps import Gaps, gaps
 from brafit.surface.normals import surface_of
+from brafit.surface.thickness import fills_a_volume
 from brafit.underwires.sizes import wire_size
 
 DOUBT = "give or take 3 mm at the apex, 8 mm at wire ends and strap point, on some bodies 23 mm"
@@ -94,12 +96,14 @@ class Origin:
         wire: `given`, `proposed`, `detected` (the crease) or `size NAME`.
         wire_guessed: share of the wire's length that no crease in the scan shows; None for a given wire.
         neckline: `given`, `proposed`, `built` (from ends and strap point) or `none`.
+        wire_turned: the wire was given from its outer end.
     """
 
     marks: str
     wire: str
     wire_guessed: float | None
     neckline: str
+    wire_turned: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +239,7 @@ def load_sides(
         try:
             breast = framed(marked, side, wire)
             gathered = gathering.about(breast)
-            bounded = _bounded(path, breast, gathered)
+            bounded = _bounded(marked, breast, gathered)
             cleaned = _cleaned(marked, gathered, bounded, points)
             found = _gaps(path, cleaned, bounded)
             notes = _notes(marked, breast, gathered, bounded, cleaned, chosen=side is not None)
@@ -256,11 +260,11 @@ def _check_choice(key: str, value: str | None, choices: tuple[str, ...]) -> None
         raise ConfigError(f"scan.{key}: {value}, but it must be one of {', '.join(choices)}")
 
 
-def _bounded(path: Path, breast: Framed, gathered: Gathered) -> Bounded:
+def _bounded(marked: Marked, breast: Framed, gathered: Gathered) -> Bounded:
     """The lines between which the cup lies.
 
     Raises:
-        InputError: nothing says where on a torso the cup ends.
+        InputError: nothing says where on a torso the cup ends; the wire is too short for a breast.
     """
     neckline, origin = breast.upper_line(), origin_of(breast.marks)
     strap = breast.mark("strap_point")
@@ -272,8 +276,9 @@ def _bounded(path: Path, breast: Framed, gathered: Gathered) -> Bounded:
     if neckline is not None:
         return Bounded(neckline, origin, closed(breast.wire, neckline))
     if gathered.whole:
+        check_whole_wire(breast.marks, marked.cloud.points)
         raise InputError(
-            path,
+            marked.cloud.path,
             "the cloud is more than one breast, and nothing says where the cup ends",
             f"Mark landmarks.strap_point or upper_line, or give the points a property '{FLAG}', 1 on the breast",
         )
@@ -284,7 +289,7 @@ def _cleaned(marked: Marked, gathered: Gathered, bounded: Bounded, points: int |
     """The breast's points, in the order of `along_curve`.
 
     Raises:
-        InputError: too few are left.
+        InputError: too few are left, or they lie on no surface.
     """
     cleaned = finish(
         gathered.tidied,
@@ -299,6 +304,9 @@ def _cleaned(marked: Marked, gathered: Gathered, bounded: Bounded, points: int |
         cause = f"only {kept} distinct points are left of {cleaned.steps.read} after cleaning and cropping"
         remedy = "Check wire and upper line; raise scan.outliers (null keeps all points), or scan more densely"
         raise InputError(marked.cloud.path, cause, remedy)
+    if fills_a_volume(cleaned.dense):
+        remedy = "Export the surface that was scanned; noise throughout a volume, or the inside of a body, has no shape"
+        raise InputError(marked.cloud.path, "its points lie on no surface: they fill a volume", remedy)
     return replace(cleaned, points=cleaned.points[along_curve(cleaned.points)])
 
 
@@ -337,6 +345,10 @@ def _notes(
     scatter = cleaned.steps.scatter_mm
     if scatter is not None and scatter > NOISY:
         notes.append(f"its points scatter by {scatter:.1f} mm about their surface: edges are less certain")
+    if breast.turned:
+        ends = {"inner_end", "outer_end"} & breast.marks.points.keys()
+        doubt = "" if ends else f"; if that is wrong, so is the side: it says {breast.marks.side}"
+        notes.append(f"the wire is given from its outer end, and is turned{doubt}")
     proposed = breast.marks_origin == "proposed"
     if breast.marks_origin != "given" or breast.wire_origin != "given":
         how = f"landmarks {breast.marks_origin}, wire {breast.wire_origin}"
@@ -381,7 +393,7 @@ def _scan(
         cleaning=cleaned.steps,
         dense=cleaned.dense,
         units=marked.units,
-        origin=Origin(breast.marks_origin, breast.wire_origin, breast.guessed, bounded.origin),
+        origin=Origin(breast.marks_origin, breast.wire_origin, breast.guessed, bounded.origin, breast.turned),
         notes=notes,
         assumed=bare[along_curve(bare)],
         removed=gathered.tidied.removed,

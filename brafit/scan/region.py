@@ -15,7 +15,7 @@ from brafit.errors import InputError
 from brafit.landmarks.cup_frame import CupFrame
 from brafit.landmarks.file import Landmarks
 from brafit.landmarks.plausibility import is_one_breast, polyline_length
-from brafit.scan.framed import Framed, frame_of
+from brafit.scan.framed import Framed, frame_of, inner_end_first
 from brafit.scan.marked import MIRROR_RMS, Marked
 from brafit.surface.cleaning import Tidy, tidy
 from brafit.surface.symmetry import Mirror, apart
@@ -86,6 +86,7 @@ class Gathering:
         if marks.wire is None:
             return None
         try:
+            marks, _ = inner_end_first(self.marked, marks)
             return frame_of(self.marked.cloud, marks), marks
         except InputError:  # it may be the other breast that is wanted
             return None

@@ -203,6 +203,47 @@ def test_bad_scans_fail_and_the_others_go_on(tmp_path: Path, sample: Path, brafi
     assert json.loads((tmp_path / "out" / "empty" / "fit.json").read_text())["status"] == "failed"
     assert not (tmp_path / "out" / "empty" / "patterns.svg").exists()
     assert "Traceback" not in done.stderr
+    for reason in ("the file is empty", "'wier' looks like it"):
+        assert (done.stdout + done.stderr).count(reason) == 1, "a failure is said once"
+
+
+def test_a_failure_of_both_breasts_is_said_once(tmp_path: Path, brafit: Callable[..., Done]) -> None:
+    (tmp_path / "empty.ply").touch()
+    done = brafit("empty.ply", "scan.side=both", "out=out")
+    assert done.returncode == 2
+    assert list(summary(tmp_path / "out")) == ["empty_left", "empty_right"]
+    assert (done.stdout + done.stderr).count("the file is empty") == 1
+    silent = brafit("empty.ply", "out=silent", "sinks.progress=null")
+    assert silent.stdout.count("the file is empty") == 1
+    assert silent.stderr == ""
+
+
+def test_paths_and_letters_of_every_language(tmp_path: Path, sample: Path, brafit: Callable[..., Done]) -> None:
+    copied(sample, tmp_path / "Größe", "Müller (1) a=b")
+    done = brafit("Größe", "out=Maß [x]", *TINY, "pattern.size=Ω 日本", "pattern.formats=[svg]", "pattern.meshes=[]")
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path / "Maß [x]" / "Müller (1) a=b"
+    assert "size Ω 日本" in (folder / "patterns.svg").read_text(encoding="utf-8")
+    again = brafit("Größe/Müller (1) a=b.ply", "out=Maß [x]", *TINY, "resume=redo", "experiment=lean")
+    assert again.returncode == 0, again.stderr
+
+
+def test_what_is_swept_is_named_without_quotes(tmp_path: Path, sample: Path, brafit: Callable[..., Done]) -> None:
+    done = brafit("-m", str(sample), "out=sweep", *TINY, "experiment=lean", "pattern.size=Größe,B")
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "sweep" / "sweep.csv").open(newline="", encoding="utf-8") as file:
+        rows = [(row["job"], row["pattern.size"]) for row in csv.DictReader(file)]
+    assert rows == [("pattern.size=Größe", "Größe"), ("pattern.size=B", "B")]
+
+
+@pytest.mark.parametrize("sweep", [[], ["-m", "cup.terms=2,3"]])
+def test_out_that_cannot_be_written(tmp_path: Path, sweep: list[str], brafit: Callable[..., Done]) -> None:
+    (tmp_path / "file").touch()
+    done = brafit(*sweep, "out=file/results")
+    assert done.returncode == 2
+    assert (
+        done.stderr.strip() == "brafit: out=file/results: file is no folder, so nothing can be in it; take another out"
+    )
 
 
 def test_one_bad_scan_alone_is_nothing_that_ran(tmp_path: Path, brafit: Callable[..., Done]) -> None:
@@ -215,6 +256,10 @@ def test_one_bad_scan_alone_is_nothing_that_ran(tmp_path: Path, brafit: Callable
     ("arguments", "words"),
     [
         (["scans=nowhere"], "nowhere"),
+        (["nowhere"], "nowhere: there is no such file or folder"),
+        (["~scan"], "unknown setting '~scan'"),
+        (["+my.key=1"], "unknown setting '+my.key'"),
+        (["pattern.allowance=8"], "pattern.allowance.wire=8"),
         (["cup.pannels=3"], "did you mean cup.panels?"),
         (["scan.points=2"], "scan.points=2: must be at least 10"),
         (["device=cuda:99"], "device=cuda:99"),

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 from hydra import compose, initialize_config_module
 
-from brafit.config import explain, register
+from brafit.config import check_launcher, explain, register
+from brafit.errors import ConfigError
 
 LAUNCHERS = {
     "joblib": "hydra_joblib_launcher",
@@ -34,6 +35,17 @@ def test_settings_of_launchers_compose(name: str) -> None:
 def test_a_missing_launcher_is_named_with_the_line_that_installs_it(name: str, extra: str) -> None:
     error = ImportError(f"Error locating target 'hydra_plugins.hydra_{name}_launcher.x.Y', set env var ...")
     assert f"pip install 'brafit[{extra}]'" in explain(error, [])
+
+
+@pytest.mark.parametrize("name", LAUNCHERS)
+def test_a_missing_launcher_is_refused_before_anything_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    register()
+    with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
+        config = compose("config", overrides=[f"hydra/launcher={name}"], return_hydra_config=True)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda module: None)
+    extra = {"joblib": "joblib", "ray": "ray"}.get(name, "slurm")
+    with pytest.raises(ConfigError, match=rf"^hydra/launcher={name}: .*pip install 'brafit\[{extra}\]'"):
+        check_launcher(config)
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from breasts import RADIUS, cup_frame_landmarks, rotation
 
 from brafit.errors import InputError
 from brafit.geometry.polyline import evenly_spaced
-from brafit.landmarks.cup_frame import frame_from_wire, from_inner_end
+from brafit.landmarks.cup_frame import frame_from_wire, from_inner_end, runs_backwards
 
 WIRE = cup_frame_landmarks()["wire"]
 APEX = cup_frame_landmarks()["landmarks"]["apex"]
@@ -77,3 +77,17 @@ def test_a_reversed_wire_is_turned_round():
         InputError, match=r"^a\.json: landmarks\.inner_end: 40\.0 mm from the nearer end of the wire\. "
     ):
         from_inner_end(WIRE, WIRE[0] + [0, 0, 40.0], "a.json")
+
+
+def test_the_outer_end_alone_tells_the_direction():
+    for wire in (WIRE, WIRE[::-1]):
+        np.testing.assert_array_equal(from_inner_end(wire, None, "a.json", WIRE[-1] + [0, 0, 3.0]), WIRE)
+    assert from_inner_end(WIRE, None, "a.json", WIRE[15]) is WIRE
+
+
+def test_the_side_tells_the_direction():
+    front = np.array([30.0, 65.0, 40.0])
+    for side, wire in (("left", WIRE), ("right", WIRE * (-1, 1, 1))):
+        before = front if side == "left" else front * (-1, 1, 1)
+        assert not runs_backwards(wire, side, before, "a.json")
+        assert runs_backwards(wire[::-1], side, before, "a.json")

@@ -299,3 +299,40 @@ def test_a_cloud_of_one_point_many_times(tmp_path):
         "only 60 distinct points are left of 600 after cleaning and cropping. "
         "Check wire and upper line; raise scan.outliers (null keeps all points), or scan more densely."
     )
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("marked", [("inner_end", "outer_end"), ("outer_end",), ()])
+def test_a_wire_from_its_outer_end_is_turned_and_noted(tmp_path, side, marked):
+    def pose(points):
+        return points * (1, 1, 1 if side == "left" else -1) + (0, 1200, 0)
+
+    landmarks = transformed({**cup_frame_landmarks(), "side": side}, pose)
+    landmarks["wire"] = landmarks["wire"][::-1]
+    for name in {"inner_end", "outer_end"} - set(marked):
+        del landmarks["landmarks"][name]
+    write_landmarks(tmp_path / "a.json", landmarks)
+    scan = load_scan(write_ply(tmp_path / "a.ply", pose(cup_frame_points())))
+    np.testing.assert_allclose(scan.wire, cup_frame_landmarks()["wire"], atol=1e-9)
+    assert scan.origin.wire_turned
+    (note,) = (note for note in scan.notes if "outer end" in note)
+    assert note.startswith("a.ply: the wire is given from its outer end, and is turned")
+    assert ("so is the side" in note) == (not marked)
+
+
+def test_half_a_wire_is_not_more_than_one_breast(tmp_path):
+    landmarks = cup_frame_landmarks()
+    landmarks = {"side": "left", "units": "mm", "landmarks": {}, "wire": landmarks["wire"][:16]}
+    write_landmarks(tmp_path / "a.json", landmarks)
+    path = write_ply(tmp_path / "a.ply", cup_frame_points())
+    assert message(path, tmp_path / "a.json") == (
+        "wire: it covers only a part of the breast's line: it is 102 mm long, the breast 159 mm across. "
+        "Trace the whole crease, from its inner to its outer end."
+    )
+
+
+def test_points_on_no_surface_are_called_that(tmp_path):
+    write_landmarks(tmp_path / "a.json", cup_frame_landmarks())
+    noise = np.random.default_rng(0).uniform(0, (65, 130, 65), (6000, 3))
+    path = write_ply(tmp_path / "a.ply", noise)
+    assert message(path).startswith("its points lie on no surface: they fill a volume. Export the surface")

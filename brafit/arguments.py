@@ -1,0 +1,78 @@
+"""The command line's arguments, as Hydra takes them: `brafit FOLDER` is `brafit scans=FOLDER`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+from brafit.config import Config, readable_settings
+from brafit.errors import ConfigError
+from brafit.quoting import listed
+
+WITH_VALUE = frozenset(
+    {
+        "--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd",
+        "--experimental-rerun",
+    }
+)  # fmt: skip
+"""Options of Hydra that take the next word as their value."""
+_SETTING = re.compile(r"[+~]*[^\W\d][\w./@-]*(=.*)?", re.DOTALL)
+
+
+def prepared(arguments: Sequence[str]) -> list[str]:
+    """Settings as Hydra can read them, then the options. Words that are no settings are scans.
+
+    Raises:
+        ConfigError: scans are named in two ways; a setting is taken away or added.
+    """
+    options, words = _parted(arguments)
+    paths = [word for word in words if not is_setting(word)]
+    settings = [word for word in words if is_setting(word)]
+    named = next((text for text in settings if text.partition("=")[0] == "scans"), None)
+    for word in options:
+        if (name := word.lstrip("-").replace("-", "_").partition("=")[0]) in _names():
+            raise ConfigError(f"{word}: settings have no dashes, write {name}=VALUE")
+    for path in paths:
+        if path in _names() and not Path(path).exists():
+            raise ConfigError(f"{path}: there is no such file or folder; a setting needs its value: {path}=VALUE")
+        if named and not Path(path).exists():
+            raise ConfigError(f"{path}: there is no such file or folder, and it is no setting of the form key=value")
+        if named:
+            raise ConfigError(f"{path} and {named} both name scans; write one list: brafit PATH PATH ...")
+    return [*readable_settings(settings), *[f"scans={listed(paths)}"] * bool(paths), *options]
+
+
+def is_setting(word: str) -> bool:
+    """Whether a word of the command line is a setting, and no path.
+
+    What begins with the name of a setting that exists is one. So is any other `name=value`, unless a file of that very
+    name exists.
+    """
+    marked = word[:1] in ("+", "~")
+    if _SETTING.fullmatch(word) is None or not (marked or "=" in word):
+        return False
+    name = re.split(r"[=./@]", word.lstrip("+~"), maxsplit=1)[0]
+    return ("=" in word and name in _names()) or not Path(word).exists()
+
+
+def _names() -> set[str]:
+    return {item.name for item in fields(Config)} | {"hydra", "experiment"}
+
+
+def _parted(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Options with their values, and the other words; after `--` there are no options."""
+    options: list[str] = []
+    words: list[str] = []
+    rest = iter(arguments)
+    for word in rest:
+        if word == "--":
+            words += rest
+        elif word.startswith("-") and len(word) > 1:
+            options.append(word)
+            if word in WITH_VALUE:
+                options += [value for value in [next(rest, None)] if value is not None]
+        else:
+            words.append(word)
+    return options, words
