@@ -336,7 +336,7 @@ class Progress(Sink):
     def scan(self, done: Done) -> None:
         self._tally.add(done)
         if not done.ok:
-            self._failure(f"failed: {done.row['reason']}" if ":" in done.row["reason"] else _named(done))
+            self._failure(_failure_line(done))
         elif self._total <= self._details and not done.kept:
             for note in done.notes:
                 self._line(f"note: {note}")
@@ -379,8 +379,11 @@ class Progress(Sink):
         tqdm.write(text, file=sys.stderr)
 
 
-def _named(done: Done) -> str:
-    return f"failed: {done.name}: {done.row['reason']}"
+def _failure_line(done: Done) -> str:
+    """Why a scan failed, and which; the file that most reasons begin with says which."""
+    reason = str(done.row["reason"])
+    named = Path(reason.partition(": ")[0]).stem in done.name
+    return f"failed: {reason}" if named else f"failed: {done.name}: {reason}"
 
 
 def _clock(seconds: float) -> str:
