@@ -98,8 +98,9 @@ def frame_of(cloud: Cloud, marks: Landmarks) -> CupFrame:
 def inner_end_first(marked: Marked, marks: Landmarks) -> tuple[Landmarks, bool]:
     """Marks whose wire runs from its inner to its outer end, and whether it was turned for that.
 
-    The marked ends say which is which; where none is marked the side does, and on a torso the end that is nearer to
-    the body's middle.
+    The marked ends say which is which; where none is marked the file's side does, and on a torso the end that is nearer
+    to the body's middle. Arrays may be a scan's own, in the cup frame, where right breasts are mirrored: of them the
+    side is wrong.
 
     Raises:
         InputError: the wire is no bow, or does not end at the marked inner end.
@@ -107,7 +108,7 @@ def inner_end_first(marked: Marked, marks: Landmarks) -> tuple[Landmarks, bool]:
     assert marks.wire is not None
     line = from_inner_end(marks.wire, marks.points.get("inner_end"), marks.path, marks.points.get("outer_end"))
     turned = line is not marks.wire
-    if not ({"inner_end", "outer_end"} & marks.points.keys()):
+    if marks.path.is_file() and not ({"inner_end", "outer_end"} & marks.points.keys()):
         turned = runs_backwards(line, marks.side, _front(marked.cloud, marks), marks.path)
         turned = turned and not (marked.whole.is_torso and _starts_nearer_the_middle(line, marked))
         line = line[::-1].copy() if turned else line
