@@ -29,7 +29,7 @@ def thickness(points: Float[np.ndarray, "n 3"]) -> float:
     places = points[np.linspace(0, len(points) - 1, min(PLACES, len(points))).astype(int)]
     reach = REACH * float(np.linalg.norm(np.ptp(points, axis=0)))
     within = tree.query_ball_point(places, reach)
-    nearest = tree.query(places, k=min(LEAST, len(points)))[1]
+    nearest = np.asarray(tree.query(places, k=min(LEAST, len(points)))[1])
     chosen = [near if len(near) >= LEAST else few for near, few in zip(within, nearest, strict=True)]
     spreads = np.array([np.linalg.eigvalsh(np.cov(points[near].T)) for near in chosen])
     return float(np.median(np.sqrt(np.maximum(spreads[:, 0], 0) / np.maximum(spreads[:, 1], 1e-300))))
