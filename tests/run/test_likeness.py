@@ -101,7 +101,8 @@ def test_points_on_a_box_are_refused() -> None:
 def test_assumed_places_count_in_no_figure_and_no_warning(recipe: Recipe) -> None:
     """Bad ones, which no cup comes near, beside points that lie on a cup."""
     points = sphere_points(300)[0]
-    scan = replace(load_scan(sample_paths()[0], points=300), points=points, wire=WIRE, neckline=None, gap_share=0.05)
+    none = {"neckline": None, "strap_point": None, "apex": None}
+    scan = replace(load_scan(sample_paths()[0], points=300), points=points, wire=WIRE, gap_share=0.05, **none)
     places = np.random.default_rng(0).uniform((0, 0, 0), (0.5 * RADIUS, 2 * RADIUS, 0.5 * RADIUS), (60, 3))
     told = target_of(replace(scan, assumed=places))
     assert told.weights is not None
