@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from brafit.fit.loop import CupFit
-from brafit.fit.result import ResultCode
+from brafit.fitting.loop import CupFit
+from brafit.fitting.result import ResultCode
 from brafit.underwires.nearest import nearest_wire
 
 OPTIONAL = {"outline_sd_mm", "upper_edge_mm", "neckline_smoothing_mm"}

@@ -21,7 +21,7 @@ from brafit.atomic import TEMPORARY, write_bytes
 from brafit.cloud import read_cloud
 from brafit.cloud.open3d_runtime import open3d
 from brafit.errors import BrafitError, InputError
-from brafit.fit import Step
+from brafit.fitting import Step
 from brafit.report.course import FitStep
 from brafit.report.row import failed_row, fitted_row
 from brafit.report.table import write_fit_json
