@@ -24,6 +24,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from brafit.cloud.open3d_runtime import Open3DError
+from brafit.cloud.refusal import Refusal
 from brafit.errors import BrafitError
 from brafit.processes import limit_memory
 
@@ -43,6 +44,7 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
 
     Raises:
         ReaderError: the reader crashed, took longer than `seconds` or needed too much memory.
+        Refusal: the file is sound, but of a kind that is not read.
         ValueError: the file is damaged; short reason.
         OSError: the file cannot be read.
         BrafitError: a library is missing.
@@ -77,6 +79,8 @@ def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
         return content
     if kind == "os":
         raise OSError(*content)
+    if kind == "refused":
+        raise Refusal(*content)
     raise {"memory": ReaderError, "open3d": Open3DError, "library": BrafitError}.get(kind, ValueError)(content)
 
 
@@ -92,6 +96,8 @@ def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments:
         return "library", str(error)
     except OSError as error:
         return "os", (error.errno, error.strerror)
+    except Refusal as error:
+        return "refused", (error.cause, error.remedy)
     except Exception as error:
         return "value", " ".join(str(error).split())[:200] or type(error).__name__
 
