@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brafit.cloud.refusal import Refusal
+from brafit.cloud.refusal import RefusedError
 
 MANY = 30
 """Numbers of a point at most; an array of three or four longer rows has its points in columns."""
@@ -25,7 +25,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     positions. Case does not count in names.
 
     Raises:
-        ValueError: with a short reason, if there are no such arrays in the file; a `Refusal` if they are transposed.
+        ValueError: with a short reason, if there are no such arrays in the file; a `RefusedError` if they are transposed.
         OSError: the file cannot be read.
     """
     try:
@@ -75,7 +75,7 @@ def _points(array: np.ndarray) -> dict[str, np.ndarray]:
     if array.ndim < 2 or array.shape[-1] < 3:
         raise ValueError(f"its array is {shape}, not n x 3")
     if array.ndim == 2 and array.shape[0] in (3, 4) and array.shape[1] > MANY:
-        raise Refusal(f"its array is {shape}: a point a column, not a point a row", "Save it transposed, as n x 3")
+        raise RefusedError(f"its array is {shape}: a point a column, not a point a row", "Save it transposed, as n x 3")
     return {"positions": _numbers(array)[..., :3].reshape(-1, 3)} | image
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from brafit.cloud.refusal import Refusal
+from brafit.cloud.refusal import RefusedError
 
 AXES = "xyz"
 UNITS = {"mm": "mm", "cm": "cm", "m": "m", "in": "in", "inch": "in", "inches": "in"}
@@ -31,7 +31,7 @@ _COUNTED = re.compile(
 
 @dataclass(frozen=True)
 class Columns:
-    """Where a table's columns are: `positions`, and maybe `normals` and `inside`; and the positions' unit, if stated."""
+    """Where a table's columns are: `positions`, maybe `normals` and `inside`; the unit of positions, if stated."""
 
     places: dict[str, tuple[int, ...]]
     unit: str | None = None
@@ -43,7 +43,7 @@ def columns_of(names: Sequence[str]) -> Columns | None:
     Names may hold the unit (`X [mm]`, `y_cm`, `z in m`) and words for positions (`pos_x`, `Points:0`); case counts not.
 
     Raises:
-        Refusal: several could be meant, or x, y and z are in different units.
+        RefusedError: several could be meant, or x, y and z are in different units.
     """
     positions: dict[str, dict[str, int]] = {}
     normals: dict[str, dict[str, int]] = {}
@@ -56,7 +56,7 @@ def columns_of(names: Sequence[str]) -> Columns | None:
                 continue
             style, axis = found
             if axis in group.setdefault(style, {}):
-                raise Refusal(f"two of its columns are named {_shown(name)}", "Give every column its own name")
+                raise RefusedError(f"two of its columns are named {_shown(name)}", "Give every column its own name")
             group[style][axis] = k
     at = _complete(positions)
     if at is None:
@@ -96,7 +96,7 @@ def _complete(groups: dict[str, dict[str, int]]) -> tuple[int, ...] | None:
     whole = {style: group for style, group in groups.items() if set(group) == set(AXES)}
     chosen = whole.get("*") or (next(iter(whole.values())) if len(whole) == 1 else None)
     if chosen is None and whole:
-        raise Refusal(f"{len(whole)} groups of its columns are x, y, z", "Name the columns of the position x, y, z")
+        raise RefusedError(f"{len(whole)} groups of its columns are x, y, z", "Name the columns of the position x, y, z")
     return None if chosen is None else tuple(chosen[axis] for axis in AXES)
 
 
@@ -104,7 +104,7 @@ def _common(units: Sequence[str | None], names: Sequence[str]) -> str | None:
     stated = {unit for unit in units if unit is not None}
     if len(stated) > 1:
         listed = ", ".join(map(_shown, names))
-        raise Refusal(f"its columns are in different units: {listed}", "Export x, y and z in one unit")
+        raise RefusedError(f"its columns are in different units: {listed}", "Export x, y and z in one unit")
     return stated.pop() if stated else None
 
 

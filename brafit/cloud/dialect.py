@@ -6,7 +6,7 @@ import csv
 import re
 from collections.abc import Sequence
 
-from brafit.cloud.refusal import Refusal
+from brafit.cloud.refusal import RefusedError
 
 MARKS = (";", "\t", "|", ",")
 """What may part the cells of a line; blanks where none of these does."""
@@ -44,18 +44,18 @@ class Numbers:
 
         Raises:
             ValueError: it is neither.
-            Refusal: points and commas in one table.
+            RefusedError: points and commas in one table.
         """
         cell = cell.replace("\u2212", "-")
         if _NUMBER.fullmatch(cell) is None:
             if _MISSING.fullmatch(cell) is not None:
                 return float("nan")
             if _NUMBER.fullmatch(cell.replace(".", "").replace(",", "")) is not None:
-                raise Refusal(f"{cell[:40]!r} has marks of thousands", "Export it without them, with decimal points")
+                raise RefusedError(f"{cell[:40]!r} has marks of thousands", "Export it without them, with decimal points")
             raise ValueError(f"{cell[:40]!r} is no number")
         mark = "," if "," in cell else "." if "." in cell else ""
         if mark and self._mark and mark != self._mark:
-            raise Refusal(
+            raise RefusedError(
                 f"its numbers have decimal points and decimal commas, {cell[:40]!r} is not like those before it",
                 POINTS_REMEDY,
             )
@@ -107,7 +107,7 @@ def check_commas(rows: Sequence[Sequence[str]], named: int) -> None:
         named: columns that a header names; 0 without one.
 
     Raises:
-        Refusal: they are so.
+        RefusedError: they are so.
     """
     if not all(_WHOLE.fullmatch(cell) for row in rows for cell in row if is_number(cell)):
         return
@@ -120,4 +120,4 @@ def check_commas(rows: Sequence[Sequence[str]], named: int) -> None:
     tenths = tenths and any(len(cell) > 1 for row in pairs for cell in row[::2])
     if (named and width == 2 * named) or zeros or ragged or tenths:
         cause = f"the comma both parts its numbers and marks their decimals: {width} columns of whole numbers"
-        raise Refusal(cause, POINTS_REMEDY)
+        raise RefusedError(cause, POINTS_REMEDY)

@@ -12,7 +12,7 @@ from typing import TextIO
 
 from brafit.cloud.columns import Columns, columns_of
 from brafit.cloud.dialect import cells_of, check_commas, is_number, is_numeric, names_of, separator
-from brafit.cloud.refusal import Refusal
+from brafit.cloud.refusal import RefusedError
 
 SAMPLE = 200
 """Rows that tell how a file is written."""
@@ -69,7 +69,7 @@ def layout_of(path: Path) -> Layout | None:
     """How a file is written, as its first rows tell; None if it has no row.
 
     Raises:
-        ValueError: with a short reason, if it is no table; a `Refusal` if it could be read in two ways.
+        ValueError: with a short reason, if it is no table; a `RefusedError` if it could be read in two ways.
         OSError: the file cannot be read.
     """
     encoding = _encoding(path)
@@ -161,7 +161,7 @@ def _names(line: str) -> list[str] | None:
     """The columns' names, if the line holds names and not numbers.
 
     Raises:
-        Refusal: it holds neither.
+        RefusedError: it holds neither.
     """
     names = names_of(line)
     if columns_of(names) is not None:
@@ -170,7 +170,7 @@ def _names(line: str) -> list[str] | None:
         return None
     shown = "".join(c if c.isprintable() else "?" for c in line.strip())[:40]
     remedy = "Begin the file with a line of the columns' names, x,y,z, or with the numbers; put # before other lines"
-    raise Refusal(f"its first line is neither numbers nor the names of columns x, y, z: {shown!r}", remedy)
+    raise RefusedError(f"its first line is neither numbers nor the names of columns x, y, z: {shown!r}", remedy)
 
 
 def _named(head: _Head, rows: Sequence[Sequence[str]], width: int) -> Columns | None:

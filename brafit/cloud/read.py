@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from brafit.cloud.mesh import MESH_FORMATS
 from brafit.cloud.ply import ply_elements
-from brafit.cloud.refusal import Refusal
+from brafit.cloud.refusal import RefusedError
 from brafit.cloud.text import TEXT_FORMATS
 from brafit.cloud.worker import ReaderError, read_apart, read_here
 from brafit.errors import InputError
@@ -131,7 +131,7 @@ def _read(path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points: i
     except ReaderError as error:
         remedy = "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds"
         raise InputError(path, f"cannot be read as a cloud ({error})", remedy) from None
-    except Refusal as error:
+    except RefusedError as error:
         raise InputError(path, f"cannot be read as a cloud ({_plain(error.cause)})", error.remedy) from None
     except ValueError as error:
         cause = f"cannot be read as a cloud, it is damaged or cut off ({_plain(str(error))})"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class Refusal(ValueError):
+class RefusedError(ValueError):
     """`cause` says what the file holds that is not read, `remedy` what the user can do."""
 
     def __init__(self, cause: str, remedy: str):
@@ -11,4 +11,4 @@ class Refusal(ValueError):
         super().__init__(f"{cause}. {remedy}")
 
     def __reduce__(self) -> tuple:
-        return Refusal, (self.cause, self.remedy)
+        return RefusedError, (self.cause, self.remedy)

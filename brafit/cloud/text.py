@@ -20,7 +20,7 @@ import numpy as np
 
 from brafit.cloud.dialect import Numbers, cells_of
 from brafit.cloud.layout import Layout, count_of, is_empty, layout_of, opened, said
-from brafit.cloud.refusal import Refusal
+from brafit.cloud.refusal import RefusedError
 
 TEXT_FORMATS = frozenset({".xyz", ".xyzn", ".pts", ".txt", ".csv", ".asc"})
 
@@ -35,7 +35,7 @@ def read_text(path: Path) -> dict[str, np.ndarray]:
     single number is the number of points that follow; several such blocks are one cloud.
 
     Raises:
-        ValueError: with a short reason, if it is no such table; a `Refusal` if it could be read in two ways.
+        ValueError: with a short reason, if it is no such table; a `RefusedError` if it could be read in two ways.
         OSError: the file cannot be read.
     """
     try:
@@ -128,8 +128,8 @@ def _read_carefully(path: Path, layout: Layout) -> dict[str, np.ndarray]:
                 raise ValueError(f"line {number} has {len(cells)} columns, most lines have {layout.width}")
             try:
                 values.extend([numbers(cells[k]) for k in wanted])
-            except Refusal as error:
-                raise Refusal(f"line {number}: {error.cause}", error.remedy) from None
+            except RefusedError as error:
+                raise RefusedError(f"line {number}: {error.cause}", error.remedy) from None
             except ValueError as error:
                 raise ValueError(f"line {number}: {error}") from None
     for k, block in enumerate(blocks):

@@ -15,8 +15,9 @@ import os
 import pickle
 import subprocess
 import sys
+import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any, BinaryIO
@@ -24,8 +25,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from brafit.cloud.open3d_runtime import Open3DError
-from brafit.cloud.refusal import Refusal
+from brafit.cloud.refusal import RefusedError
 from brafit.errors import BrafitError
+from brafit.naming import shown
 from brafit.processes import limit_memory
 
 START_SECONDS = 120.0
@@ -44,7 +46,7 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
 
     Raises:
         ReaderError: the reader crashed, took longer than `seconds` or needed too much memory.
-        Refusal: the file is sound, but of a kind that is not read.
+        RefusedError: the file is sound, but of a kind that is not read.
         ValueError: the file is damaged; short reason.
         OSError: the file cannot be read.
         BrafitError: a library is missing.
@@ -80,14 +82,15 @@ def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
     if kind == "os":
         raise OSError(*content)
     if kind == "refused":
-        raise Refusal(*content)
+        raise RefusedError(*content)
     raise {"memory": ReaderError, "open3d": Open3DError, "library": BrafitError}.get(kind, ValueError)(content)
 
 
 def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments: dict[str, Any]) -> tuple[str, Any]:
     """What a reader makes of a file: kind and content of a reply."""
     try:
-        return "ok", reader(path, **arguments)
+        with _spelt(path) as spelt:
+            return "ok", reader(spelt, **arguments)
     except MemoryError:
         return "memory", "it needs more memory than there is"
     except Open3DError as error:
@@ -96,10 +99,22 @@ def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments:
         return "library", str(error)
     except OSError as error:
         return "os", (error.errno, error.strerror)
-    except Refusal as error:
+    except RefusedError as error:
         return "refused", (error.cause, error.remedy)
     except Exception as error:
         return "value", " ".join(str(error).split())[:200] or type(error).__name__
+
+
+@contextlib.contextmanager
+def _spelt(path: Path) -> Iterator[Path]:
+    """The path, or a link to it if its bytes are no text, which libraries in C++ do not take."""
+    if shown(str(path)) == str(path):
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        link = Path(folder) / f"scan{path.suffix}"
+        link.symlink_to(path.absolute())
+        yield link
 
 
 class _Child:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from brafit.atomic import replacing, write_text
+from brafit.naming import shown
 
 SUMMARY_KEYS: tuple[str, ...] = (
     "scan", "status", "reason", "side", "cup", "panels", "terms", "solver", "points",
@@ -140,7 +141,7 @@ def _plain(value: Any) -> Any:
         return [_plain(entry) for entry in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, (bool, int)) else str(value)
+    return value if value is None or isinstance(value, (bool, int)) else shown(str(value))
 
 
 def _cell(value: Any) -> str:
