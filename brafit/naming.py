@@ -5,7 +5,10 @@ from __future__ import annotations
 import io
 import re
 import sys
+import tempfile
 import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 OWN = re.compile(
@@ -45,6 +48,20 @@ def on_disk(path: str | Path) -> Path:
     folder = on_disk(path.parent)
     forms = (folder / unicodedata.normalize(form, path.name) for form in ("NFC", "NFD"))
     return next((form for form in forms if form.exists()), path)
+
+
+@contextmanager
+def plain_path(path: Path) -> Iterator[Path]:
+    """The path; if its bytes are no text, a link to it for the `with` block: libraries in other languages refuse such
+    paths.
+    """
+    if shown(str(path.absolute())) == str(path.absolute()):
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        link = Path(folder) / f"link{shown(path.suffix)}"
+        link.symlink_to(path.absolute())
+        yield link
 
 
 def safe_name(name: str) -> str:

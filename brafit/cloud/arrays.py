@@ -25,7 +25,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     positions. Case does not count in names.
 
     Raises:
-        ValueError: with a short reason, if there are no such arrays in the file; a `RefusedError` if they are transposed.
+        ValueError: with a short reason, if there are no such arrays; a `RefusedError` if they are transposed.
         OSError: the file cannot be read.
     """
     try:

@@ -96,7 +96,9 @@ def _complete(groups: dict[str, dict[str, int]]) -> tuple[int, ...] | None:
     whole = {style: group for style, group in groups.items() if set(group) == set(AXES)}
     chosen = whole.get("*") or (next(iter(whole.values())) if len(whole) == 1 else None)
     if chosen is None and whole:
-        raise RefusedError(f"{len(whole)} groups of its columns are x, y, z", "Name the columns of the position x, y, z")
+        raise RefusedError(
+            f"{len(whole)} groups of its columns are x, y, z", "Name the columns of the position x, y, z"
+        )
     return None if chosen is None else tuple(chosen[axis] for axis in AXES)
 
 

@@ -51,7 +51,9 @@ class Numbers:
             if _MISSING.fullmatch(cell) is not None:
                 return float("nan")
             if _NUMBER.fullmatch(cell.replace(".", "").replace(",", "")) is not None:
-                raise RefusedError(f"{cell[:40]!r} has marks of thousands", "Export it without them, with decimal points")
+                raise RefusedError(
+                    f"{cell[:40]!r} has marks of thousands", "Export it without them, with decimal points"
+                )
             raise ValueError(f"{cell[:40]!r} is no number")
         mark = "," if "," in cell else "." if "." in cell else ""
         if mark and self._mark and mark != self._mark:
@@ -75,7 +77,8 @@ def cells_of(line: str, mark: str | None) -> list[str]:
 def names_of(line: str) -> list[str]:
     """The cells of a line of names, which may be parted otherwise than the numbers."""
     plain = re.sub(r"\s+(?=[\[(])", "", line.strip())  # "X [mm] Y [mm]" are two names
-    mark = next((mark for mark in MARKS if mark in plain), None)
+    bare = re.sub(r'"[^"]*"', "", plain)
+    mark = next((mark for mark in MARKS if mark in bare), None)
     if mark is None and '"' in plain:
         return [a or b for a, b in re.findall(r'"([^"]*)"|(\S+)', plain)]
     return cells_of(plain, mark)
@@ -94,9 +97,13 @@ def separator(rows: Sequence[str]) -> str | None:
             return mark if not mostly(several) else None
     if not mostly(["," in row for row in rows]):
         return None
-    parted = [cells_of(row, None) for row in rows]
-    decimal = [len(row) >= 3 and all(cell[-1] != "," and is_numeric(cell) for cell in row) for row in parted]
-    return None if mostly(decimal) else ","
+    return None if mostly([_has_decimal_commas(cells_of(row, None)) for row in rows]) else ","
+
+
+def _has_decimal_commas(cells: Sequence[str]) -> bool:
+    """Whether commas in cells that blanks part stand inside of numbers only, as decimal marks."""
+    commas = all(is_number(cell) and cell[-1] != "," for cell in cells if "," in cell)
+    return commas and sum(map(is_number, cells)) >= 3
 
 
 def check_commas(rows: Sequence[Sequence[str]], named: int) -> None:

@@ -80,13 +80,13 @@ def layout_of(path: Path) -> Layout | None:
     rows = [cells_of(line, mark) for line in head.lines]
     if mark == ",":
         check_commas(rows, len(head.names or ()))
-    if all(row[-1] == "" for row in rows):  # a mark at the end of every row
+    if ended := all(row[-1] == "" for row in rows):  # a mark at the end of every row
         rows = [row[:-1] for row in rows]
     widths = [len(row) for row in rows]
     width = max(set(widths), key=widths.count)
     rows = [row for row in rows if len(row) == width]
     empty = frozenset(k for k in range(width) if not any(is_number(row[k]) for row in rows))
-    columns = _named(head, rows, width)
+    columns = _named(head, rows, width, ended)
     if columns is None:
         columns = _in_order([k for k in range(width) if k not in empty], rows, path.suffix.lower() == ".xyzn")
         words = empty
@@ -173,18 +173,23 @@ def _names(line: str) -> list[str] | None:
     raise RefusedError(f"its first line is neither numbers nor the names of columns x, y, z: {shown!r}", remedy)
 
 
-def _named(head: _Head, rows: Sequence[Sequence[str]], width: int) -> Columns | None:
-    """The columns as a line of names tells, or else the last comment that names as many as there are.
+def _named(head: _Head, rows: Sequence[Sequence[str]], width: int, ended: bool) -> Columns | None:
+    """The columns as a line of names tells, or else the last comment that names as many as there are; `ended`: a mark
+    that parts nothing ends the rows.
 
     Raises:
         ValueError: the names are not as many as the columns.
     """
-    names = head.names
-    if names is None:
-        told = (names_of(line.strip().lstrip("#/")) for line in reversed(head.comments))
-        return next((found for line in told if len(line) == width and (found := columns_of(line))), None)
-    if len(names) == width + 1 and not names[-1]:
-        names = names[:-1]
+
+    def fitting(names: list[str]) -> list[str]:
+        return names[:-1] if not names[-1] and (ended or len(names) == width + 1) else names
+
+    if head.names is None:
+        told = (
+            fitting(names_of(line.strip().lstrip("#/"))) for line in reversed(head.comments) if line.strip(" #/\r\n")
+        )
+        return next((found for names in told if len(names) == width and (found := columns_of(names))), None)
+    names = fitting(head.names)
     if len(names) == width - 1 and (_counts(rows, 0) or not any(is_number(row[0]) for row in rows)):
         names = ["", *names]  # R gives the points' numbers no name
     if len(names) != width:

@@ -15,9 +15,8 @@ import os
 import pickle
 import subprocess
 import sys
-import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any, BinaryIO
@@ -27,7 +26,7 @@ import numpy as np
 from brafit.cloud.open3d_runtime import Open3DError
 from brafit.cloud.refusal import RefusedError
 from brafit.errors import BrafitError
-from brafit.naming import shown
+from brafit.naming import plain_path
 from brafit.processes import limit_memory
 
 START_SECONDS = 120.0
@@ -89,8 +88,8 @@ def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
 def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments: dict[str, Any]) -> tuple[str, Any]:
     """What a reader makes of a file: kind and content of a reply."""
     try:
-        with _spelt(path) as spelt:
-            return "ok", reader(spelt, **arguments)
+        with plain_path(path) as plain:
+            return "ok", reader(plain, **arguments)
     except MemoryError:
         return "memory", "it needs more memory than there is"
     except Open3DError as error:
@@ -103,18 +102,6 @@ def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments:
         return "refused", (error.cause, error.remedy)
     except Exception as error:
         return "value", " ".join(str(error).split())[:200] or type(error).__name__
-
-
-@contextlib.contextmanager
-def _spelt(path: Path) -> Iterator[Path]:
-    """The path, or a link to it if its bytes are no text, which libraries in C++ do not take."""
-    if shown(str(path)) == str(path):
-        yield path
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        link = Path(folder) / f"scan{path.suffix}"
-        link.symlink_to(path.absolute())
-        yield link
 
 
 class _Child:

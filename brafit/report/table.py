@@ -90,8 +90,8 @@ def write_parquet(path: str | Path, rows: Sequence[Mapping[str, Any]], keys: Seq
 
     plain = [{key: _plain(row.get(key)) for key in keys} for row in rows]
     table = pyarrow.Table.from_pylist(plain, schema=pyarrow.schema([(key, _parquet_type(key)) for key in keys]))
-    with replacing(path) as temporary:
-        pyarrow.parquet.write_table(table, temporary)
+    with replacing(path) as temporary, temporary.open("wb") as file:  # opened here: a path may be no UTF-8
+        pyarrow.parquet.write_table(table, file)
 
 
 def _parquet_type(key: str) -> Any:

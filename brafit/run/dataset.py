@@ -72,7 +72,9 @@ def dataset(
         raise InputError(manifest or "scans", f"the name {min(doubled)!r} stands twice", "Give every row its own name")
     names = scan_names([row.path for row in rows], [row.name for row in rows])
     sides = [SIDES if (row.side or side) == "both" else (row.side or side,) for row in rows]
-    own = [[f"{name}_{one}" if len(both) > 1 else name for one in both] for name, both in zip(names, sides, strict=True)]
+    own = [
+        [f"{name}_{one}" if len(both) > 1 else name for one in both] for name, both in zip(names, sides, strict=True)
+    ]
     unique = iter(numbered([name for group in own for name in group]))  # `a` of both sides, and `a_left`
     refs: list[ScanRef] = []
     position = itertools.count()

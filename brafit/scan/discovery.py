@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import itertools
 import unicodedata
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,8 +16,6 @@ from brafit.samples import sample_paths
 
 SAMPLES = "samples"
 """The word that stands for the bundled scans."""
-SHADOW = "._"
-"""How macOS calls the files that it leaves beside others on foreign disks."""
 
 
 def find_scans(scans: str | Path | Sequence[str | Path] = SAMPLES, propose: bool = False) -> list[Path]:
@@ -129,23 +128,25 @@ def _expand(entry: str, propose: bool) -> list[Path]:
         matches = _matches(str(path))
         inside = [cloud for folder in matches if folder.is_dir() for cloud in _in_folder(folder, propose)]
         named = Path(entry).suffix.lower()
-        return [match for match in matches if _is_cloud(match, named) and not match.name.startswith(SHADOW)] + inside
+        return [match for match in matches if _is_cloud(match, named)] + inside
     return [path] if path.suffix else []
 
 
 def _matches(pattern: str) -> list[Path]:
-    """What a pattern matches, its letters with marks composed or decomposed."""
-    forms = {pattern} | {unicodedata.normalize(form, pattern) for form in ("NFC", "NFD")}
-    return [Path(match) for form in sorted(forms) for match in glob.glob(form, recursive=True)]
+    """What a pattern matches, its letters with marks composed or decomposed. `*` does not match hidden files."""
+    parts = Path(pattern).parts
+    plain = list(itertools.takewhile(lambda part: not glob.has_magic(part), parts))
+    rest = str(Path(*parts[len(plain) :]))
+    forms = {rest, *(unicodedata.normalize(form, rest) for form in ("NFC", "NFD"))}
+    folder = glob.escape(str(on_disk(Path(*plain))))
+    return [Path(match) for form in sorted(forms) for match in glob.glob(f"{folder}/{form}", recursive=True)]
 
 
 def _is_cloud(path: Path, named: str = "") -> bool:
     """Whether a file found in passing is a cloud: of a sure format, or of the named one, or with a landmark file."""
     kind = path.suffix.lower()
     return (
-        kind in FORMATS
-        and path.is_file()
-        and (kind in SURE_FORMATS or kind == named or landmarks_path(path).is_file())
+        kind in FORMATS and path.is_file() and (kind in SURE_FORMATS or kind == named or landmarks_path(path).is_file())
     )
 
 
@@ -166,7 +167,9 @@ def _in_folder(folder: Path, propose: bool) -> list[Path]:
 def _tables(folder: Path) -> list[Path]:
     """Files that may be clouds or anything else, without landmark files."""
     maybe = FORMATS - SURE_FORMATS
-    return [path for path in _visible(folder) if path.suffix.lower() in maybe and path.is_file() and not _is_cloud(path)]
+    return [
+        path for path in _visible(folder) if path.suffix.lower() in maybe and path.is_file() and not _is_cloud(path)
+    ]
 
 
 def _counted(paths: Sequence[Path], word: str) -> str:
