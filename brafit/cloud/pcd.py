@@ -56,6 +56,8 @@ def read_pcd(path: Path) -> dict[str, np.ndarray]:
     at = [header.names.index(part) for part in needed]
     if empty := [header.names[k] for k in at if header.formats[k].shape[0] == 0]:
         raise ValueError(f"its field {empty[0]} has COUNT 0")
+    if not header.points:
+        return {"positions": np.empty((0, 3))}
     fields = readers[header.coding](header, data[header.start :])
     columns = {part: fields[k].reshape(header.points, -1)[:, 0] for part, k in zip(needed, at, strict=True)}
     image = {"image": np.ones(1)} if header.image else {}
@@ -110,17 +112,19 @@ def _numbers(words: dict[str, list[str]], key: str) -> list[int]:
 
 
 def _ascii(header: _Header, body: bytes) -> list[np.ndarray]:
-    rows = [line.split() for line in body.decode(errors="replace").splitlines() if line.strip()]
+    lines = [line for line in body.decode(errors="replace").split("\n") if line.strip()]
     widths = [format.shape[0] for format in header.formats]
-    if len(rows) != header.points or any(len(row) != sum(widths) for row in rows):
-        promised = f"{header.points} lines of {sum(widths)} numbers"
-        raise ValueError(f"its header promises {promised}, {len(rows)} lines follow")
+    promised = f"its header promises {header.points} lines of {sum(widths)} numbers"
+    if len(lines) != header.points:
+        raise ValueError(f"{promised}, {len(lines)} lines follow")
     try:
-        table = np.array(rows, dtype=np.float64)
-    except ValueError:
+        table = np.loadtxt(lines, comments=None, ndmin=2)
+    except ValueError:  # words for NaN that NumPy does not know
         numbers = Numbers()
-        table = np.array([[numbers(word) for word in row] for row in rows])
-    return np.split(table.reshape(header.points, sum(widths)), np.cumsum(widths)[:-1], axis=1)
+        table = np.array([[numbers(word) for word in line.split()] for line in lines])
+    if table.shape != (header.points, sum(widths)):
+        raise ValueError(f"{promised}, its lines hold other numbers of them")
+    return np.split(table, np.cumsum(widths)[:-1], axis=1)
 
 
 def _binary(header: _Header, body: bytes) -> list[np.ndarray]:

@@ -108,7 +108,7 @@ def dialects(draw: st.DrawFn) -> Dialect:
         quoted=quoted,
         names=names,
         comment=comment,
-        order=draw(st.permutations(range(3))) if names else (0, 1, 2),
+        order=tuple(draw(st.permutations(range(3)))) if names else (0, 1, 2),
         index=index,
         more=draw(st.sampled_from([(), ("17",), ("17", "skin"), ("0", "0", "1")])),
         trailing=draw(st.booleans()) and not mark.isspace(),
