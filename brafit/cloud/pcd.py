@@ -119,11 +119,12 @@ def _ascii(header: _Header, body: bytes) -> list[np.ndarray]:
         raise ValueError(f"{promised}, {len(lines)} lines follow")
     try:
         table = np.loadtxt(lines, comments=None, ndmin=2)
-    except ValueError:  # words for NaN that NumPy does not know
-        numbers = Numbers()
-        table = np.array([[numbers(word) for word in line.split()] for line in lines])
+    except ValueError:  # a line of another length, or words for NaN that NumPy does not know
+        table, numbers = np.empty((0, 0)), Numbers()
+        if all(len(line.split()) == sum(widths) for line in lines):
+            table = np.array([[numbers(word) for word in line.split()] for line in lines])
     if table.shape != (header.points, sum(widths)):
-        raise ValueError(f"{promised}, its lines hold other numbers of them")
+        raise ValueError(f"{promised}, but its lines are not all of {sum(widths)}")
     return np.split(table, np.cumsum(widths)[:-1], axis=1)
 
 
