@@ -71,6 +71,14 @@ def columns_of(names: Sequence[str]) -> Columns | None:
     return Columns(places, unit)
 
 
+def units_row(cells: Sequence[str]) -> list[str] | None:
+    """The units in brackets, if cells below the names hold nothing else: `mm`, `[mm]`, `-`, or nothing."""
+    plain = [cell.strip(" \t\"'[](){}<>").lower() for cell in cells]
+    if not any(cell in UNITS for cell in plain) or any(any(c.isdigit() for c in cell) for cell in plain):
+        return None
+    return [f"[{cell}]" if cell in UNITS else "" for cell in plain]
+
+
 def _parted(name: str) -> tuple[str, str | None]:
     """A column's name in lower case without its unit, and that unit, if it is one that is known."""
     plain = " ".join(name.strip(" \t\"'#/%").lower().split())

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from brafit.cloud.columns import Columns, columns_of
+from brafit.cloud.columns import Columns, columns_of, units_row
 from brafit.cloud.dialect import cells_of, check_commas, is_number, is_numeric, names_of, separator
 from brafit.cloud.refusal import RefusedError
 
@@ -152,7 +152,11 @@ def _head(path: Path, encoding: str) -> _Head:
             counted = True
         elif (names := names or _names(line)) is None:
             break
-    skipped += names is not None
+    if names is not None:
+        skipped += 1
+        below = first[skipped + counted] if len(first) > skipped + counted else ""
+        if (of := units_row(names_of(below))) is not None and len(of) == len(names):
+            names, skipped = [f"{name} {unit}" for name, unit in zip(names, of, strict=True)], skipped + 1
     lines = [line for line in first[skipped + counted :] if count_of(line) is None and not is_empty(line)]
     return _Head(skipped, counted, comments, names, lines)
 

@@ -76,10 +76,9 @@ def _header(data: bytes) -> _Header:
     if any(size not in KINDS.get(kind, ()) for kind, size in zip(kinds, sizes, strict=True)):
         raise ValueError("its header has a field of unknown type")
     points, width, height = (_numbers(words, key) for key in ("POINTS", "WIDTH", "HEIGHT"))
+    width, height = width or points, height or [1]
     if not points and len(width) == len(height) == 1:
         points = [width[0] * height[0]]
-    if len(points) == 1 and not width and not height:
-        width, height = points, [1]
     if not len(points) == len(width) == len(height) == 1 or points[0] != width[0] * height[0]:
         raise ValueError("its header is not clear about the number of points")
     formats = [

@@ -47,6 +47,7 @@ def write(path: Path, points: np.ndarray, coding: str = "binary", drop: str = ""
     [
         ("POINTS", {}),
         ("WIDTH HEIGHT", {}),
+        ("HEIGHT POINTS", {}),
         ("COUNT VIEWPOINT", {"VERSION": ".6"}),
         ("FIELDS COUNT VIEWPOINT POINTS", {"VERSION": ".5", "COLUMNS": "x y z"}),
         ("FIELDS COUNT SIZE TYPE WIDTH HEIGHT", {"VERSION": ".5", "COLUMNS": "x y z"}),

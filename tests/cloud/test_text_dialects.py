@@ -234,6 +234,15 @@ def test_named_normals_and_flag_are_found_wherever_they_stand(tmp_path: Path) ->
     np.testing.assert_array_equal(found.inside, np.arange(COUNT) % 2 == 1)
 
 
+@pytest.mark.parametrize("units", ["cm;cm;cm;-", "[cm];[cm];[cm];", '"cm";"cm";"cm";"a.u."'])
+def test_units_may_stand_below_the_names(tmp_path: Path, units: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["x;y;z;intensity", units, *rows(mark=";", more=";1")]))
+    found = read_text(path)
+    assert found["unit"] == ["cm"]
+    np.testing.assert_array_equal(found["positions"], POINTS.round(3))
+
+
 def test_a_late_change_of_spelling_is_read(tmp_path: Path) -> None:
     """What the first rows do not show: words for NaN, an empty cell, a number in quotes."""
     points = np.concatenate([POINTS, POINTS, POINTS])
