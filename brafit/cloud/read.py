@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 
 from brafit.cloud.mesh import MESH_FORMATS
 from brafit.cloud.ply import ply_elements
+from brafit.cloud.refusal import RefusedError
 from brafit.cloud.text import TEXT_FORMATS
 from brafit.cloud.worker import ReaderError, read_apart, read_here
 from brafit.errors import InputError
@@ -56,6 +57,7 @@ class Cloud:
         inside: True for points between wire and upper line, or None where the file has no property `inside`.
         faces: faces of the mesh that the points were sampled on; 0 for a cloud.
         dropped: points that were left out because their coordinates are NaN, infinite or absurdly large.
+        unit: of the points, one of `brafit.landmarks.units.MILLIMETRES`, or None where the file does not state it.
     """
 
     path: Path
@@ -64,6 +66,7 @@ class Cloud:
     inside: Bool[np.ndarray, " n"] | None
     faces: int = 0
     dropped: int = 0
+    unit: str | None = None
 
 
 def read_cloud(
@@ -88,7 +91,7 @@ def read_cloud(
     columns = _read(path, read, mesh_points)
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is reported below
         points = np.ascontiguousarray(columns["positions"], dtype=np.float64)
-    finite = _check_points(path, points)
+    finite = _check_points(path, points, image="image" in columns)
     normals, flag = columns.get("normals"), columns.get(FLAG)
     return Cloud(
         path=path,
@@ -97,6 +100,7 @@ def read_cloud(
         inside=None if flag is None else flag.reshape(len(points), -1)[finite, 0] > 0.5,
         faces=int(columns["faces"][0]) if "faces" in columns else 0,
         dropped=int((~finite).sum()),
+        unit=str(columns["unit"][0]) if "unit" in columns else None,
     )
 
 
@@ -127,8 +131,10 @@ def _read(path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points: i
     except ReaderError as error:
         remedy = "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds"
         raise InputError(path, f"cannot be read as a cloud ({error})", remedy) from None
+    except RefusedError as error:
+        raise InputError(path, f"cannot be read as a cloud ({_plain(error.cause)})", error.remedy) from None
     except ValueError as error:
-        cause = f"cannot be read as a cloud, it is damaged or cut off ({_plain(error)})"
+        cause = f"cannot be read as a cloud, it is damaged or cut off ({_plain(str(error))})"
         raise InputError(path, cause, _COMPLETE) from None
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror or error})", _PERMISSIONS) from None
@@ -161,14 +167,14 @@ def _check_extension(path: Path) -> None:
         raise InputError(path, f"is named {named}, but its content is {found}", f"Rename it to {path.stem}{found}")
 
 
-def _plain(error: ValueError) -> str:
+def _plain(reason: str) -> str:
     """A reason in printable characters, not too long."""
-    text = "".join(c if c.isprintable() else "?" for c in str(error))
+    text = "".join(c if c.isprintable() else "?" for c in reason)
     return text if len(text) <= 160 else text[:157] + "..."
 
 
-def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Mask of the points that are finite."""
+def _check_points(path: Path, points: Float[np.ndarray, "n 3"], image: bool) -> Bool[np.ndarray, " n"]:
+    """Mask of the points that are finite; `image`: they are pixels, most of which may see nothing."""
     if len(points) < MIN_POINTS:
         cause = f"the cloud is too small: {len(points)} point{'' if len(points) == 1 else 's'}"
         raise InputError(path, cause, f"A cup needs at least {MIN_POINTS}, and thousands to be good: scan more densely")
@@ -176,7 +182,7 @@ def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarr
         finite = np.asarray((np.abs(points) < ABSURD).all(axis=1))
     good = int(finite.sum())
     # Scanners mark what they did not see by NaN; a file that is mostly so is no scan.
-    if good < MIN_POINTS or 2 * good < len(points):
+    if good < MIN_POINTS or (2 * good < len(points) and not image):
         cause = (
             f"{len(points) - good} of {len(points)} points have coordinates that are NaN, infinite or absurdly large"
         )

@@ -24,7 +24,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from brafit.cloud.open3d_runtime import Open3DError
+from brafit.cloud.refusal import RefusedError
 from brafit.errors import BrafitError
+from brafit.naming import plain_path
 from brafit.processes import limit_memory
 
 START_SECONDS = 120.0
@@ -43,6 +45,7 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
 
     Raises:
         ReaderError: the reader crashed, took longer than `seconds` or needed too much memory.
+        RefusedError: the file is sound, but of a kind that is not read.
         ValueError: the file is damaged; short reason.
         OSError: the file cannot be read.
         BrafitError: a library is missing.
@@ -77,13 +80,16 @@ def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
         return content
     if kind == "os":
         raise OSError(*content)
+    if kind == "refused":
+        raise RefusedError(*content)
     raise {"memory": ReaderError, "open3d": Open3DError, "library": BrafitError}.get(kind, ValueError)(content)
 
 
 def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments: dict[str, Any]) -> tuple[str, Any]:
     """What a reader makes of a file: kind and content of a reply."""
     try:
-        return "ok", reader(path, **arguments)
+        with plain_path(path) as plain:
+            return "ok", reader(plain, **arguments)
     except MemoryError:
         return "memory", "it needs more memory than there is"
     except Open3DError as error:
@@ -92,6 +98,8 @@ def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments:
         return "library", str(error)
     except OSError as error:
         return "os", (error.errno, error.strerror)
+    except RefusedError as error:
+        return "refused", (error.cause, error.remedy)
     except Exception as error:
         return "value", " ".join(str(error).split())[:200] or type(error).__name__
 

@@ -58,7 +58,7 @@ def begin(
     recipe = _recipe(source)
     if recipe.scan.get("points", 1) is not None or recipe.scan.get("outliers", 1) is not None:
         open3d()  # what cannot be imported is to be known before anything else as well
-    return dataset_of(scans, side, manifest, shard)
+    return dataset_of(scans, side, manifest, shard, bool(recipe.scan.get("propose")))
 
 
 def load(source: bytes, ref: ScanRef, out: Path, resume: bool, tell: Tell) -> list[Done | bytes]:
