@@ -1,6 +1,6 @@
 """`python -m brafit` is the command `brafit`."""
 
-from brafit.app import main
+from brafit.cli.fit import main
 
 if __name__ == "__main__":
     main()

@@ -53,11 +53,10 @@ def fit(
         InputError: an input that cannot be used, or whose cup is none: not developable, or no likeness of the points.
         ConfigError: a setting that does not exist or is out of its range.
     """
-    from brafit.app import plain_settings
-    from brafit.config import choices_of, from_settings
     from brafit.run.fitting import fitted, result_of
     from brafit.run.recipe import recipe_from_settings
     from brafit.scan import Scan, load_scan
+    from brafit.settings.compose import choices_of, from_settings, plain_settings
 
     recipe = recipe_from_settings(plain_settings(from_settings([*settings, "out=unused"])), choices_of(settings))
     arrays = {

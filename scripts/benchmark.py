@@ -32,7 +32,6 @@ from rescans import write_rescans
 from scipy.optimize import least_squares
 from torch import Tensor
 
-from brafit.config import register
 from brafit.cup import CupShape, FramesCup, StripsCup, Wire
 from brafit.fitting import LM, Conditions, LMStage, NelderMead, Target, fit_targets
 from brafit.fitting.lm import minimise, staged
@@ -42,6 +41,7 @@ from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.targets import Targets
 from brafit.run.fitting import target_of
 from brafit.scan import find_scans, load_scan
+from brafit.settings.compose import register
 from brafit.simulation.synthetic import on_panels, quarter_sphere
 
 POINTS = 2000

@@ -31,7 +31,6 @@ from hydra import compose, initialize_config_module
 from hydra.utils import instantiate
 from tqdm import tqdm
 
-from brafit.config import register
 from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
 from brafit.fitting import CupFit, Target, fit_targets
@@ -44,6 +43,7 @@ from brafit.geometry.polyline import distances, evenly_spaced
 from brafit.pattern.piece import pieces_from_panels
 from brafit.run.fitting import target_of
 from brafit.scan import Scan, find_scans, load_scan
+from brafit.settings.compose import register
 from brafit.surface import point_weights
 
 POINTS = 2500

@@ -223,7 +223,7 @@ def check_shards(folder: Path, work: Path, shards: int = 16, count: int = 64) ->
     run(scans, work / "one", *LEAN)
     for k in range(1, shards + 1):
         run(scans, work / "parts", *LEAN, f"dataset.shard={k}/{shards}")
-    subprocess.run([sys.executable, "-m", "brafit.collect", str(work / "parts")], check=True, capture_output=True)
+    subprocess.run([sys.executable, "-m", "brafit.cli.collect", str(work / "parts")], check=True, capture_output=True)
     same = content(work / "one" / "summary.csv") == content(work / "parts" / "summary.csv")
     names = [path.name for path in (work / "one").iterdir() if path.is_dir()]
     differ = differing(work / "one", work / "parts", names)

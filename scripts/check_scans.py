@@ -39,7 +39,6 @@ from scipy.spatial import KDTree
 
 from brafit.anatomy import proposed_landmarks
 from brafit.cloud import read_cloud
-from brafit.config import register
 from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
 from brafit.fitting import CupFit, Target, fit_targets
@@ -51,6 +50,7 @@ from brafit.landmarks.plausibility import polyline_length
 from brafit.report.uncovered import uncovered_share
 from brafit.run.fitting import target_of
 from brafit.scan import Scan, load_scan
+from brafit.settings.compose import register
 from brafit.simulation.synthetic import on_panels
 from brafit.surface.gaps import gaps
 from brafit.underwires.sizes import WireSize

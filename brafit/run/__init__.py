@@ -1,4 +1,4 @@
-"""From scans to results, for one scan or ten thousand. Knows no command line; `brafit.app` makes its `Job`.
+"""From scans to results, for one scan or ten thousand. Knows no command line; `brafit.cli.fit` makes its `Job`.
 
 dataset    what a run works on
 recipe     how scans are loaded, fitted and finished

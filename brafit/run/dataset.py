@@ -163,7 +163,7 @@ def _beside(table: Path, entry: str) -> Path:
 
 
 def _is_setting(key: str) -> bool:
-    from brafit.config import is_setting
+    from brafit.settings.schema import is_setting
 
     return is_setting(key)
 

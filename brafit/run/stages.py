@@ -44,8 +44,8 @@ def _recipe(source: bytes, overrides: tuple[str, ...] = ()) -> Recipe:
     recipe: Recipe = pickle.loads(source)()
     if not overrides:
         return recipe
-    from brafit.config import varied
     from brafit.run.recipe import recipe_from_settings
+    from brafit.settings.compose import varied
 
     settings, names = varied(recipe.settings, recipe.names, overrides)
     return recipe_from_settings(settings, names)

@@ -9,10 +9,11 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from brafit import quoting
-from brafit.arguments import WITH_VALUE, prepared
-from brafit.config import from_settings, sources
+from brafit.cli.arguments import WITH_VALUE, prepared
 from brafit.errors import ConfigError
-from brafit.quoting import readable, unquoted
+from brafit.settings.checks import sources
+from brafit.settings.compose import from_settings
+from brafit.settings.quoting import readable, unquoted
 
 
 @pytest.fixture(autouse=True)

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from brafit.app import main
+from brafit.cli.fit import main
 from brafit.samples import sample_paths
 
 # A fit that ends in a second or two; how good it is does not matter here.

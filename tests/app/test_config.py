@@ -13,7 +13,6 @@ from hydra import compose, initialize_config_module
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
-from brafit.config import check, explain, register, sources
 from brafit.cup import FramesCup, StripsCup
 from brafit.errors import ConfigError
 from brafit.fitting import Conditions
@@ -22,6 +21,8 @@ from brafit.fitting.loss import point_loss
 from brafit.geometry.ritz import BASES
 from brafit.pattern import PatternOptions
 from brafit.scan import load_scan
+from brafit.settings.checks import check, sources
+from brafit.settings.compose import explain, register
 
 CONF = Path(__file__).parents[2] / "conf"
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from brafit.inspection import main
+from brafit.cli.inspect import main
 from brafit.landmarks import landmarks_path, read_landmarks
 from brafit.samples import sample_paths
 from brafit.scan.discovery import passed_over
@@ -75,7 +75,7 @@ def test_a_breast_without_marks_cannot_be_proposed(tmp_path, capsys):
 
 def test_the_installed_module_runs(tmp_path):
     sample = sample_paths()[0]
-    command = [sys.executable, "-m", "brafit.inspection", str(sample), "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "brafit.cli.inspect", str(sample), "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads((tmp_path / f"{sample.stem}.json").read_text())["side"] == "left"

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 from hydra import compose, initialize_config_module
 
-from brafit.config import check_launcher, explain, register
 from brafit.errors import ConfigError
+from brafit.settings.checks import check_launcher
+from brafit.settings.compose import explain, register
 
 LAUNCHERS = {
     "joblib": "hydra_joblib_launcher",

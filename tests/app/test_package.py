@@ -12,8 +12,8 @@ from hydra import compose, initialize_config_module
 from omegaconf import ListConfig, OmegaConf
 
 from brafit import __version__
-from brafit.config import register
 from brafit.report.table import SUMMARY_KEYS
+from brafit.settings.compose import register
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

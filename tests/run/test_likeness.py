@@ -10,7 +10,6 @@ import torch
 from lunes import RADIUS, sphere_points
 
 import brafit
-from brafit.config import choices_of, from_settings
 from brafit.errors import InputError
 from brafit.fitting import CupFit, ResultCode
 from brafit.fitting.measure import point_distances
@@ -20,6 +19,7 @@ from brafit.run.likeness import BOUNDS, judged, measures
 from brafit.run.recipe import Recipe, recipe_from_settings
 from brafit.samples import sample_paths
 from brafit.scan import Scan, load_scan
+from brafit.settings.compose import choices_of, from_settings
 
 QUICK = ["experiment=quick", "out=unused"]
 ANGLE = np.linspace(0, np.pi, 40)
@@ -28,7 +28,7 @@ WIRE = RADIUS * np.stack((np.sin(ANGLE), 1 - np.cos(ANGLE), 0 * ANGLE), -1)
 
 @pytest.fixture(scope="module")
 def recipe() -> Recipe:
-    from brafit.app import plain_settings
+    from brafit.settings.compose import plain_settings
 
     return recipe_from_settings(plain_settings(from_settings(QUICK)), choices_of(QUICK))
 

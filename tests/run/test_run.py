@@ -16,7 +16,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from brafit.app import exit_status
+from brafit.cli.fit import exit_status
 from brafit.errors import InputError
 from brafit.pattern import PatternOptions
 from brafit.report.table import SUMMARY_KEYS

@@ -9,9 +9,9 @@ import pyarrow.parquet
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from brafit.config import LONGEST, job_folder
 from brafit.report.table import write_summary
 from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
+from brafit.settings.compose import LONGEST, job_folder
 
 
 @pytest.mark.parametrize(

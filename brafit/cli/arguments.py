@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
-from brafit.config import Config, readable_settings
 from brafit.errors import ConfigError
-from brafit.quoting import listed
+from brafit.settings.compose import readable_settings
+from brafit.settings.quoting import listed
+from brafit.settings.schema import Config
 
 WITH_VALUE = frozenset(
     {

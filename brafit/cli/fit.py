@@ -25,17 +25,18 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
 from brafit import __version__
-from brafit.arguments import prepared
 from brafit.atomic import write_text
-from brafit.config import check, check_launcher, explain, from_settings, help_text, register, sources
+from brafit.cli.arguments import prepared
 from brafit.errors import BrafitError, ConfigError
 from brafit.naming import print_anything
-from brafit.quoting import unquoted
 from brafit.run.folder import is_about_writing, make_writable, why_not
 from brafit.run.job import REDO
 from brafit.run.recipe import recipe_from_settings
 from brafit.run.store import differences, relevant
 from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
+from brafit.settings.checks import check, check_launcher
+from brafit.settings.compose import explain, from_settings, help_text, plain_settings, register
+from brafit.settings.quoting import unquoted
 
 if TYPE_CHECKING:
     from brafit.run.job import Job, Row
@@ -182,13 +183,6 @@ def exit_status(rows: Sequence[Row]) -> int:
     if all(row["status"] == "ok" for row in rows):
         return ALL_OK
     return SOME_FAILED if any(row.get("iterations") is not None for row in rows) else NOTHING_RAN
-
-
-def plain_settings(config: DictConfig) -> dict[str, Any]:
-    """A composed configuration as plain values."""
-    settings = OmegaConf.to_container(config, resolve=True)
-    assert isinstance(settings, dict)
-    return {str(key): value for key, value in settings.items()} | {"scans": sources(config)}
 
 
 def _choices() -> dict[str, Any]:

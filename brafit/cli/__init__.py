@@ -1,0 +1,1 @@
+"""The commands: brafit, brafit-inspect, brafit-collect."""

@@ -1,0 +1,102 @@
+"""What types alone do not say of settings, each in one line that says what is allowed."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from omegaconf import DictConfig, ListConfig, OmegaConf
+
+from brafit.errors import ConfigError
+from brafit.settings.refusal import EXTRAS, missing_launcher
+
+
+def check(config: DictConfig) -> None:
+    """Check what types alone do not say.
+
+    Raises:
+        ConfigError: names the key, what came and what is allowed.
+    """
+    _check_limits(config, "")
+    sources(config)
+    check_device(config.device)
+    if config.scan.wire not in (None, "detect"):
+        from brafit.underwires.sizes import wire_size  # NumPy takes a moment
+
+        wire_size(config.scan.wire)
+
+
+def sources(config: DictConfig) -> list[str]:
+    """The `scans` setting as a list of texts.
+
+    Raises:
+        ConfigError: it is something else.
+    """
+    value = config.scans
+    values = list(value) if isinstance(value, ListConfig) else [value]
+    if not values or not all(isinstance(item, str) and item for item in values):
+        raise ConfigError(f"scans={value}: must be a file, a folder, a glob, or a list of these: scans=[A,B]")
+    return values
+
+
+def check_device(name: str) -> None:
+    """Refuse a device that PyTorch does not know or this machine does not have.
+
+    Raises:
+        ConfigError: names the device and what is allowed.
+    """
+    if name == "cpu":
+        return
+    match = re.fullmatch(r"cuda(?::(\d+))?", name)
+    if not match:
+        raise ConfigError(f"device={name}: must be cpu, cuda or cuda:N")
+    import torch  # costs two seconds, which only this question is worth here
+
+    count = torch.cuda.device_count()
+    if int(match[1] or 0) >= count:
+        raise ConfigError(f"device={name}: PyTorch sees {count or 'no'} CUDA device(s) here; use device=cpu")
+
+
+def check_launcher(config: DictConfig) -> None:
+    """Refuse a launcher whose package is not installed.
+
+    Raises:
+        ConfigError: says what to install.
+    """
+    target = str(config.hydra.launcher.get("_target_", ""))
+    match = re.match(r"(hydra_plugins\.hydra_(\w+)_launcher)\.", target)
+    if match and match[2] in EXTRAS and not _importable(match[1]):
+        raise ConfigError(missing_launcher(match[2], list(config.hydra.overrides.hydra)))
+
+
+def _importable(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ImportError:
+        return False
+
+
+def _check_limits(node: DictConfig | ListConfig, prefix: str) -> None:
+    schema = OmegaConf.get_type(node)
+    limits = {item.name: item.metadata for item in fields(schema)} if is_dataclass(schema) else {}
+    items = node.items() if isinstance(node, DictConfig) else enumerate(node)
+    for key, value in items:
+        name = f"{prefix}{key}"
+        if isinstance(value, DictConfig | ListConfig):
+            _check_limits(value, f"{name}.")
+        elif value is not None and (allowed := _refusal(value, **limits.get(str(key), {}))):
+            raise ConfigError(f"{name}={value}: must be {allowed}")
+
+
+def _refusal(
+    value: Any, least: float | None = None, most: float | None = None, choices: Sequence[str] | None = None
+) -> str | None:
+    """What is allowed, if the value is not."""
+    if choices is not None and value not in choices:
+        return f"one of {', '.join(choices)}"
+    if least is None or (value >= least and (most is None or value <= most)):
+        return None
+    return f"at least {least:g}" if most is None else f"from {least:g} to {most:g}"
