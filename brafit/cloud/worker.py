@@ -23,7 +23,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from brafit.cloud.open3d_runtime import Open3DError
+from brafit.cloud.refusal import Unread
 from brafit.errors import BrafitError
 from brafit.processes import limit_memory
 
@@ -43,6 +43,7 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
 
     Raises:
         ReaderError: the reader crashed, took longer than `seconds` or needed too much memory.
+        Unread: the file is whole, but of a kind that is not read.
         ValueError: the file is damaged; short reason.
         OSError: the file cannot be read.
         BrafitError: a library is missing.
@@ -77,7 +78,9 @@ def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
         return content
     if kind == "os":
         raise OSError(*content)
-    raise {"memory": ReaderError, "open3d": Open3DError, "library": BrafitError}.get(kind, ValueError)(content)
+    if kind == "unread":
+        raise Unread(*content)
+    raise {"memory": ReaderError, "library": BrafitError}.get(kind, ValueError)(content)
 
 
 def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments: dict[str, Any]) -> tuple[str, Any]:
@@ -86,8 +89,8 @@ def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments:
         return "ok", reader(path, **arguments)
     except MemoryError:
         return "memory", "it needs more memory than there is"
-    except Open3DError as error:
-        return "open3d", str(error)
+    except Unread as error:
+        return "unread", (error.cause, error.remedy)
     except BrafitError as error:
         return "library", str(error)
     except OSError as error:
@@ -187,10 +190,9 @@ def _readers() -> dict[str, Callable[..., dict[str, np.ndarray]]]:
     from brafit.cloud.arrays import read_arrays
     from brafit.cloud.mesh import read_mesh
     from brafit.cloud.pcd import read_pcd
-    from brafit.cloud.ply import read_vertices
     from brafit.cloud.text import read_text
 
-    return {"ply": read_vertices, "mesh": read_mesh, "text": read_text, "pcd": read_pcd, "arrays": read_arrays}
+    return {"mesh": read_mesh, "text": read_text, "pcd": read_pcd, "arrays": read_arrays}
 
 
 def _serve() -> None:
