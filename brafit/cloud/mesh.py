@@ -1,5 +1,4 @@
-"""Meshes: PLY, OBJ, STL, OFF and glTF, sampled evenly by area. The formats' readers are ours: each takes what its format
-allows, and nothing else."""
+"""Meshes: PLY, OBJ, STL, OFF and glTF, read each by its own module and sampled evenly by area."""
 
 from __future__ import annotations
 
@@ -28,6 +27,8 @@ READERS: dict[str, Callable[[Path], Mesh]] = {
 MESH_FORMATS = frozenset(READERS)
 FLAG = "inside"
 """A column of the vertices that only a cloud has; with it a mesh counts as one."""
+ABSURD = 1e9
+"""A coordinate beyond this is no measurement in any unit: it counts as not finite."""
 _PLASTIC = 1.3247179572447460
 """The plastic number p: (k/p, k/p^2) mod 1 fills the unit square most evenly (Roberts' R2 sequence)."""
 
@@ -42,7 +43,7 @@ def read_mesh(path: Path, count: int) -> dict[str, np.ndarray]:
         positions; where there are faces also `faces`, the number of their triangles.
 
     Raises:
-        Unread: the file is whole, but of a kind that is not read.
+        UnreadError: the file is whole, but of a kind that is not read.
         ValueError: with a short reason, if the file is damaged or holds no usable surface.
         OSError: the file cannot be read.
     """
@@ -51,9 +52,9 @@ def read_mesh(path: Path, count: int) -> dict[str, np.ndarray]:
         return {"positions": mesh.vertices, **mesh.columns}
     used = np.zeros(len(mesh.vertices), dtype=bool)
     used[mesh.triangles] = True
-    lost = used & ~np.isfinite(mesh.vertices).all(axis=1)
+    lost = used & ~(np.abs(mesh.vertices) < ABSURD).all(axis=1)
     if lost.any():
-        raise ValueError(f"{lost.sum()} of {used.sum()} vertices of its faces are NaN or infinite")
+        raise ValueError(f"{lost.sum()} of {used.sum()} vertices of its faces are NaN, infinite or absurdly large")
     return {
         "positions": sample_faces(mesh.vertices, mesh.triangles, count),
         "faces": np.array([len(mesh.triangles)]),
@@ -69,16 +70,13 @@ def sample_faces(
     points follow Roberts' R2 sequence, folded from the unit square into the triangle.
 
     Raises:
-        ValueError: the faces have no area, or none that can be reckoned with.
+        ValueError: the faces have no area.
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    with np.errstate(over="ignore", invalid="ignore"):  # what is too large for its area is refused below
-        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     running = np.cumsum(area)
-    if not running[-1] > 0:
+    if not (np.isfinite(running[-1]) and running[-1] > 0):
         raise ValueError("its faces have no area")
-    if not np.isfinite(running[-1]):
-        raise ValueError("its faces are absurdly large")
     steps = (np.arange(count) + 0.5) / count * running[-1]
     face = np.minimum(np.searchsorted(running, steps), len(faces) - 1)
     k = np.arange(1, count + 1)

@@ -36,8 +36,12 @@ def read_obj(path: Path) -> Mesh:
     is_vertex, is_face = words.are(heads, b"v"), words.are(heads, b"f")
     is_passed = words.are(heads, b"vt") | words.are(heads, b"vn")
     _check_others(words, heads[~(is_vertex | is_face | is_passed)])
+    if not is_vertex.any():
+        raise ValueError("no line of it begins with 'v'")
     vertices = _vertices(words, heads[is_vertex], lengths[is_vertex] - 1)
     if not is_face.any():
+        if words.are(heads, b"vt").any():
+            raise ValueError("it has texture coordinates but no faces, as if its end were missing")
         return Mesh(vertices)
     before = np.cumsum(is_vertex)[is_face]
     corners, sizes = _faces(words, heads[is_face], lengths[is_face] - 1, before, len(vertices))
@@ -58,7 +62,7 @@ def _vertices(words: Words, heads: Int[np.ndarray, " v"], widths: Int[np.ndarray
     wrong = np.flatnonzero(~np.isin(widths, VERTEX_WIDTHS))
     if wrong.size:
         line, width = words.line(heads[wrong[0]]), widths[wrong[0]]
-        raise ValueError(f"line {line} is not complete: a vertex of {width} number{'s' * (width != 1)}")
+        raise ValueError(f"line {line} is not complete: a vertex with {width} of its numbers")
     weighted = heads[widths == 4]
     bent = weighted[words.numbers(weighted + 4) != 1]
     if bent.size:

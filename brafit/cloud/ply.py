@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from brafit.cloud.polygons import Mesh, filled
 from brafit.cloud.ply_rows import TYPES, Bytes, Element, Numbers, Property, Table, read_tables
+from brafit.cloud.polygons import Mesh, filled
 
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 """PLY's formats, and the order of bytes in each."""
@@ -49,9 +49,9 @@ def read_ply(path: Path) -> Mesh:
     body = Bytes(data[start:], order) if order else Numbers(data[start:], before)
     tables = read_tables(elements, body)
     vertex = tables["vertex"]
-    vertices = np.stack([vertex.scalars(axis) for axis in "xyz"], axis=1)
+    vertices = np.stack([vertex.scalars(axis) for axis in "xyz"], axis=1, dtype=np.float64)
     columns = {
-        column: np.stack([vertex.scalars(part) for part in parts], axis=1)
+        column: np.stack([vertex.scalars(part) for part in parts], axis=1, dtype=np.float64)
         for column, parts in COLUMNS.items()
         if set(parts) <= set(vertex.element.names(listed=False))
     }
@@ -113,7 +113,6 @@ def _property(words: list[str]) -> Property:
     if not known or (listed and TYPES[kinds[0]][0] == "f"):
         raise ValueError(f"its header has a property of unknown type: {' '.join(words)[:60]}")
     return Property(words[-1], TYPES[kinds[-1]], TYPES[kinds[0]] if listed else None)
-
 
 
 def _triangles(table: Table, vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, "f 3"]:

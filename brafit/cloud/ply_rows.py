@@ -97,7 +97,7 @@ class Numbers:
     def __init__(self, data: bytes, before: int):
         self._words = Words(plain_lines(data), before)
         self._values = self._words.numbers()
-        self._view = memoryview(self._values)  # whose single numbers come faster than the array's
+        self._view = self._values.data  # whose single numbers come faster than the array's
 
     def __len__(self) -> int:
         return len(self._values)
@@ -117,7 +117,7 @@ class Numbers:
     def rows(self, kind: str, start: int, stride: int, shape: tuple[int, int]) -> np.ndarray:
         if not all(shape):
             return np.empty(shape)
-        return np.ndarray(shape, np.float64, self._values, 8 * start, (8 * stride, 8))
+        return np.lib.stride_tricks.as_strided(self._values[start:], shape, (8 * stride, 8), writeable=False)
 
     def at(self, kind: str, places: Int[np.ndarray, " n"]) -> np.ndarray:
         return self._values[places]
@@ -172,9 +172,9 @@ def read_tables(elements: list[Element], body: Body) -> dict[str, Table]:
     Raises:
         ValueError: with a short reason, if the body holds more or less than they need.
     """
-    least = sum(
-        element.count * sum(body.width(each.counted or each.kind) for each in element.properties) for element in elements
-    )
+    least = 0
+    for element in elements:
+        least += element.count * sum(body.width(each.counted or each.kind) for each in element.properties)
     if len(body) < least:
         raise ValueError(f"its header promises {least} {body.unit} or more, {len(body)} follow")
     tables, at = {}, 0
@@ -212,8 +212,8 @@ def _walk(element: Element, body: Body, at: int, rows: int) -> tuple[list[list[i
     places: list[list[int]] = [[] for _ in element.properties]
     sizes: list[list[int]] = [[] for _ in element.properties]
     steps = [
-        (body.counter(each.counted) if each.counted else None, body.width(each.counted or each.kind), body.width(each.kind))
-        for each in element.properties
+        (body.counter(counted) if counted else None, body.width(counted or kind), body.width(kind))
+        for counted, kind in ((each.counted, each.kind) for each in element.properties)
     ]
     for row in range(rows):
         try:

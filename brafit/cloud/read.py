@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from brafit.cloud.mesh import FLAG, MESH_FORMATS
-from brafit.cloud.refusal import Unread
+from brafit.cloud.mesh import ABSURD, FLAG, MESH_FORMATS
+from brafit.cloud.refusal import UnreadError
 from brafit.cloud.text import TEXT_FORMATS
 from brafit.cloud.worker import ReaderError, read_apart, read_here
 from brafit.errors import InputError
@@ -25,8 +25,6 @@ FORMATS = frozenset({".pcd", ".npy", ".npz", *MESH_FORMATS, *TEXT_FORMATS})
 SURE_FORMATS = FORMATS - {".txt", ".csv", ".asc", ".npy", ".npz"}
 """Those of them that hold hardly anything but scans; a file of the others may be anything."""
 
-ABSURD = 1e9
-"""A coordinate beyond this is no measurement in any unit: it counts as not finite."""
 READ_SECONDS = 120.0
 MESH_POINTS = 200_000
 
@@ -124,7 +122,7 @@ def _read(path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points: i
     except ReaderError as error:
         remedy = "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds"
         raise InputError(path, f"cannot be read as a cloud ({error})", remedy) from None
-    except Unread as error:
+    except UnreadError as error:
         raise InputError(path, error.cause, error.remedy) from None
     except ValueError as error:
         cause = f"cannot be read as a cloud, it is damaged or cut off ({_plain(error)})"

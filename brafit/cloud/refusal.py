@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class Unread(ValueError):
+class UnreadError(ValueError):
     """`cause` says what the file is, in the words of a sentence about it; `remedy` what to do."""
 
     def __init__(self, cause: str, remedy: str):
@@ -11,4 +11,4 @@ class Unread(ValueError):
         super().__init__(cause)
 
     def __reduce__(self) -> tuple:
-        return Unread, (self.cause, self.remedy)
+        return UnreadError, (self.cause, self.remedy)

@@ -9,7 +9,7 @@ USED = 0.5
 """Least share of the vertices that the faces use."""
 REPEATED = 2
 """So many vertices in a row that stand in a file twice are a sign."""
-BACK, FOLDED = -0.3, 0.1
+BACK, FOLDED = -0.7, 0.1
 """Cosine between the normals of faces that share a side below which the surface turns back there; largest share of such
 sides, each counted by the area of its faces."""
 FAR, STRAY = 10.0, 0.02
@@ -62,6 +62,9 @@ def _check_surface(vertices: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray
     order = np.argsort(key, axis=None, kind="stable")
     paired = key.ravel()[order][1:] == key.ravel()[order][:-1]
     one, other = order[:-1][paired], order[1:][paired]
+    # The sides of a face that stands there twice, maybe once a way, join it to nothing.
+    third = np.roll(corners, 1, axis=1).ravel()
+    one, other = (sides[third[one] != third[other]] for sides in (one, other))
     joined = np.zeros(key.size, dtype=bool)
     joined[one] = joined[other] = True
     if _folded(normals, area, begin < end, one, other) > FOLDED or _stray(lengths, area, corners, joined) > STRAY:

@@ -13,8 +13,9 @@ from brafit.cloud.words import Words, plain_lines
 HEADER, RECORD = 84, 50
 """Bytes before the triangles of a binary STL, and of one triangle."""
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_FACET = "facet normal ? ? ? outer loop vertex ? ? ? vertex ? ? ? vertex ? ? ? endloop endfacet".split()
+_TEXT = "facet normal ? ? ? outer loop vertex ? ? ? vertex ? ? ? vertex ? ? ? endloop endfacet"
 """The words of a triangle in an ASCII STL; ?: a number."""
+_FACET = _TEXT.split()
 _CORNERS = np.array([8, 9, 10, 12, 13, 14, 16, 17, 18])
 TAIL = 20
 """So many last triangles, or a twentieth of all, must be joined to others where bytes follow them."""
@@ -59,7 +60,7 @@ def _check_end(whole: Float[np.ndarray, "r 3 3"], count: int, extra: int) -> Non
     # Corners of one place are bit by bit the same in all triangles that they are corners of.
     _, place = np.unique(whole.reshape(-1, 3).view(np.uint32), axis=0, return_inverse=True)
     place = place.reshape(-1, 3)
-    shared = (np.bincount(place[:count].ravel(), minlength=place.max(initial=0) + 1) > 1)[place].any(axis=1)
+    shared: np.ndarray = np.take(np.bincount(place[:count].ravel(), minlength=place.max(initial=0) + 1) > 1, place).any(axis=1)
     more = len(whole) - count
     if count == 0 or shared[count:].any():
         raise ValueError(f"its header counts {count} triangles, {more or 'no'} more follow")

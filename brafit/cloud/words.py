@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import re
 from functools import cached_property
+from typing import SupportsIndex
 
 import numpy as np
 import pyarrow as pa
@@ -64,7 +65,7 @@ class Words:
     def __len__(self) -> int:
         return len(self.starts)
 
-    def __getitem__(self, word: int | np.integer) -> str:
+    def __getitem__(self, word: SupportsIndex) -> str:
         return self.text[self.starts[word] : self.ends[word]].decode(errors="replace")
 
     @cached_property
@@ -79,9 +80,9 @@ class Words:
         """How many words each of these lines has."""
         return np.diff(self.heads, append=len(self))
 
-    def line(self, word: int | np.integer) -> int:
+    def line(self, word: SupportsIndex) -> int:
         """The number in its file of the line that holds a word."""
-        start = int(self.starts[word]) if word < len(self) else len(self.text)
+        start = int(self.starts[word])
         return 1 + self._before + sum(self.text.count(end, 0, start) for end in (b"\n", _JOINED))
 
     def are(self, which: Int[np.ndarray, "*shape"], word: bytes) -> np.ndarray:
@@ -122,7 +123,7 @@ class Words:
         return values.to_numpy().reshape(which.shape)
 
     def _strings(self, which: np.ndarray, ends: np.ndarray) -> pa.Array:
-        """Pieces of the text, by reference: every second of the pieces that begin where one ends and the next begins."""
+        """Pieces of the text, by reference: every second piece between the places where these begin and end."""
         if not which.size:
             return pa.array([], pa.large_string())
         bounds = np.stack([self.starts[which].ravel(), ends.ravel()], axis=1).ravel()

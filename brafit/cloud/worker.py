@@ -23,7 +23,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from brafit.cloud.refusal import Unread
+from brafit.cloud.refusal import UnreadError
 from brafit.errors import BrafitError
 from brafit.processes import limit_memory
 
@@ -43,7 +43,7 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
 
     Raises:
         ReaderError: the reader crashed, took longer than `seconds` or needed too much memory.
-        Unread: the file is whole, but of a kind that is not read.
+        UnreadError: the file is whole, but of a kind that is not read.
         ValueError: the file is damaged; short reason.
         OSError: the file cannot be read.
         BrafitError: a library is missing.
@@ -79,7 +79,7 @@ def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
     if kind == "os":
         raise OSError(*content)
     if kind == "unread":
-        raise Unread(*content)
+        raise UnreadError(*content)
     raise {"memory": ReaderError, "library": BrafitError}.get(kind, ValueError)(content)
 
 
@@ -89,7 +89,7 @@ def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments:
         return "ok", reader(path, **arguments)
     except MemoryError:
         return "memory", "it needs more memory than there is"
-    except Unread as error:
+    except UnreadError as error:
         return "unread", (error.cause, error.remedy)
     except BrafitError as error:
         return "library", str(error)
