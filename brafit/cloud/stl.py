@@ -60,7 +60,8 @@ def _check_end(whole: Float[np.ndarray, "r 3 3"], count: int, extra: int) -> Non
     # Corners of one place are bit by bit the same in all triangles that they are corners of.
     _, place = np.unique(whole.reshape(-1, 3).view(np.uint32), axis=0, return_inverse=True)
     place = place.reshape(-1, 3)
-    shared: np.ndarray = np.take(np.bincount(place[:count].ravel(), minlength=place.max(initial=0) + 1) > 1, place).any(axis=1)
+    uses = np.bincount(place[:count].ravel(), minlength=3 * len(whole))
+    shared = (uses[place] > 1).any(axis=1)
     more = len(whole) - count
     if count == 0 or shared[count:].any():
         raise ValueError(f"its header counts {count} triangles, {more or 'no'} more follow")
