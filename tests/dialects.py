@@ -76,7 +76,9 @@ def write_ply(path: Path, mesh: Known, draw: Any) -> Path:
     order = draw(("", "<", ">"))
     kinds = {name: draw(("<f4", "<f8")) for name in "xyz"} | {"red": "<u1", "quality": "<f4"}
     names = draw((("x", "y", "z"), ("red", "z", "x", "quality", "y"), ("y", "x", "z", "red")))
-    rows: list[list[tuple[str, Any]]] = [[(kinds[n], v["xyz".index(n)] if n in "xyz" else 7) for n in names] for v in mesh.vertices]
+    rows: list[list[tuple[str, Any]]] = [
+        [(kinds[n], v["xyz".index(n)] if n in "xyz" else 7) for n in names] for v in mesh.vertices
+    ]
     header = [[f"property {draw(TYPES[kinds[name]])} {name}" for name in names]]
     if draw((False, True)):
         header[0].append("property list uchar int near")
@@ -154,7 +156,9 @@ def write_gltf(path: Path, mesh: Known, draw: Any) -> tuple[Path, np.ndarray, np
         kind = {5120: "i1", 5122: "i2", 5123: "u2"}[component]
         most = np.iinfo(kind).max
         span = np.abs(vertices).max() or 1.0
-        stored = np.round((vertices / span) * most if kind[0] == "i" else (vertices / span + 1) / 2 * most).astype("<" + kind)
+        stored = np.round((vertices / span) * most if kind[0] == "i" else (vertices / span + 1) / 2 * most).astype(
+            "<" + kind
+        )
         scale = np.array([2.0, 3.0, 0.5])
         vertices = stored / most if normalised else stored.astype(float)
     else:
@@ -167,27 +171,53 @@ def write_gltf(path: Path, mesh: Known, draw: Any) -> tuple[Path, np.ndarray, np
         rows = np.zeros((len(row), max(stride, row.shape[1])), np.uint8)
         rows[:, : row.shape[1]] = row
         data += bytes(-len(data) % 4)
-        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": rows.size, **({"byteStride": stride} if stride else {})})
+        views.append(
+            {
+                "buffer": 0,
+                "byteOffset": len(data),
+                "byteLength": rows.size,
+                **({"byteStride": stride} if stride else {}),
+            }
+        )
         data += rows.tobytes()
         return len(views) - 1
 
-    position: dict[str, Any] = {"componentType": component, "count": len(stored), "type": "VEC3", "normalized": normalised}
+    position: dict[str, Any] = {
+        "componentType": component,
+        "count": len(stored),
+        "type": "VEC3",
+        "normalized": normalised,
+    }
     if draw((False, True)):  # sparse: the last vertices are not in the base
         base, changed = stored.copy(), np.arange(len(stored) // 2, len(stored))
         base[changed] = 1
         position["bufferView"] = view(base, draw((0, 16)))
         indices = {"bufferView": view(changed.astype("<u2")), "componentType": 5123}
-        position["sparse"] = {"count": len(changed), "indices": indices, "values": {"bufferView": view(stored[changed])}}
+        position["sparse"] = {
+            "count": len(changed),
+            "indices": indices,
+            "values": {"bufferView": view(stored[changed])},
+        }
     else:
         position["bufferView"] = view(stored, draw((0, 16)))
     accessors, primitives = [position], []
     for part in np.array_split(triangles, draw((1, 2))):
         mode, order = draw(((4, part.ravel()), (5, _strip(part)), (4, part.ravel())))
         code = draw([code for code, kind in INDEX_KINDS.items() if len(stored) < np.iinfo(kind).max])
-        accessors.append({"bufferView": view(order.astype(INDEX_KINDS[code])), "componentType": code, "count": len(order), "type": "SCALAR"})
+        accessors.append(
+            {
+                "bufferView": view(order.astype(INDEX_KINDS[code])),
+                "componentType": code,
+                "count": len(order),
+                "type": "SCALAR",
+            }
+        )
         primitives.append({"attributes": {"POSITION": 0}, "indices": len(accessors) - 1, "mode": mode})
     turn = [0.5, 0.5, 0.5, 0.5]  # x to y to z to x
-    nodes: list[dict[str, Any]] = [{"children": [1], "rotation": turn, "scale": scale.tolist()}, {"mesh": 0, "translation": [1, 2, 3]}]
+    nodes: list[dict[str, Any]] = [
+        {"children": [1], "rotation": turn, "scale": scale.tolist()},
+        {"mesh": 0, "translation": [1, 2, 3]},
+    ]
     placed = ((vertices + [1, 2, 3]) * scale)[:, [2, 0, 1]]
     if draw((False, True)):
         matrix = np.zeros((4, 4))

@@ -101,7 +101,7 @@ class Words:
         try:
             values = pc.cast(self._strings(which, self.ends[which]), pa.float64())
         except pa.ArrowInvalid:
-            return np.array([self._number(word) for word in which.ravel()]).reshape(which.shape)
+            return np.array([self._number(word) for word in which.ravel().tolist()]).reshape(which.shape)
         return values.to_numpy().reshape(which.shape)
 
     def whole_numbers(self, which: Int[np.ndarray, "*shape"], until: bytes = b"") -> Int[np.ndarray, "*shape"]:
@@ -118,7 +118,7 @@ class Words:
         try:
             values = pc.cast(strings, pa.int64())
         except pa.ArrowInvalid:
-            parts = zip(which.ravel(), strings.to_pylist(), strict=True)
+            parts = zip(which.ravel().tolist(), strings.to_pylist(), strict=True)
             return np.array([self._whole(word, part) for word, part in parts]).reshape(which.shape)
         return values.to_numpy().reshape(which.shape)
 
