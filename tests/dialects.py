@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import struct
 from collections.abc import Sequence
@@ -32,7 +33,7 @@ def write_obj(path: Path, mesh: Known, draw: Any) -> Path:
     last = [max(polygon) for polygon in mesh.polygons]
     done: set[int] = set()
     ends = np.linspace(0, len(mesh.vertices), groups + 1).astype(int)
-    for begin, end in zip(ends[:-1], ends[1:], strict=True):
+    for begin, end in itertools.pairwise(ends):
         lines += [draw(("g part 1#2", "o it", "s off", "usemtl skin", "vn 0 0 1", "vt 0.5 0.5"))]
         for vertex in mesh.vertices[begin:end]:
             lines.append("v " + " ".join(form.format(float(x)) for x in vertex) + tail)
@@ -218,7 +219,7 @@ def write_gltf(path: Path, mesh: Known, draw: Any) -> tuple[Path, np.ndarray, np
         {"children": [1], "rotation": turn, "scale": scale.tolist()},
         {"mesh": 0, "translation": [1, 2, 3]},
     ]
-    placed = ((vertices + [1, 2, 3]) * scale)[:, [2, 0, 1]]
+    placed = ((vertices + np.array([1, 2, 3])) * scale)[:, [2, 0, 1]]
     if draw((False, True)):
         matrix = np.zeros((4, 4))
         matrix[[1, 2, 0, 3], [0, 1, 2, 3]] = [*scale, 1]

@@ -58,10 +58,10 @@ def _binary(data: bytes) -> Float[np.ndarray, "f 3 3"]:
 def _check_end(whole: Float[np.ndarray, "r 3 3"], count: int, extra: int) -> None:
     """Refuse triangles of a file with bytes after them, if these are triangles as well, or bytes slipped in earlier."""
     # Corners of one place are bit by bit the same in all triangles that they are corners of.
-    _, place = np.unique(whole.reshape(-1, 3).view(np.uint32), axis=0, return_inverse=True)
-    place = place.reshape(-1, 3)
-    uses = np.bincount(place[:count].ravel(), minlength=3 * len(whole))
-    shared = (uses[place] > 1).any(axis=1)
+    bits = whole.reshape(-1, 3).view(np.uint32)
+    inverse = np.unique(bits, axis=0, return_inverse=True)[1].ravel()
+    uses = np.bincount(inverse[: 3 * count], minlength=len(inverse) + 1)
+    shared = np.any(np.take(uses > 1, inverse.reshape(-1, 3)), axis=1)
     more = len(whole) - count
     if count == 0 or shared[count:].any():
         raise ValueError(f"its header counts {count} triangles, {more or 'no'} more follow")
@@ -81,12 +81,11 @@ def _ascii(data: bytes) -> Float[np.ndarray, "f 3 3"]:
     named = np.repeat(ends | words.are(heads, b"solid"), words.lengths)
     which = np.flatnonzero(~named)
     table = which[: len(which) // len(_FACET) * len(_FACET)].reshape(-1, len(_FACET))
-    for column, word in enumerate(_FACET):
-        if word == "?":
-            continue
-        wrong = table[~words.are(table[:, column], word.encode()), column]
-        if wrong.size:
-            raise ValueError(f"line {words.line(wrong[0])}: {words[wrong[0]][:40]!r} stands where {word!r} should")
+    wrong = {column: ~words.are(table[:, column], word.encode()) for column, word in enumerate(_FACET) if word != "?"}
+    found = [(table[rows.argmax(), column], column) for column, rows in wrong.items() if rows.any()]
+    if found:
+        first, column = min(found)
+        raise ValueError(f"line {words.line(first)}: {words[first][:40]!r} stands where {_FACET[column]!r} should")
     if len(which) > table.size:
         raise ValueError(f"line {words.line(which[-1])}: its last triangle is not complete")
     return words.numbers(table[:, _CORNERS]).reshape(-1, 3, 3)
