@@ -18,17 +18,17 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from brafit.cloud.polygons import Mesh, check_corners
-from brafit.cloud.refusal import UnreadError
+from brafit.cloud.refusal import RefusedError
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 TRIANGLES, STRIP, FAN = 4, 5, 6
 """Modes of a primitive that has a surface."""
 NOT_READ = {
-    "KHR_draco_mesh_compression": "is compressed with Draco",
-    "EXT_meshopt_compression": "is compressed with meshopt",
-    "KHR_meshopt_compression": "is compressed with meshopt",
-    "EXT_mesh_gpu_instancing": "places its meshes many times over (EXT_mesh_gpu_instancing)",
+    "KHR_draco_mesh_compression": "it is compressed with Draco",
+    "EXT_meshopt_compression": "it is compressed with meshopt",
+    "KHR_meshopt_compression": "it is compressed with meshopt",
+    "EXT_mesh_gpu_instancing": "it places its meshes many times over (EXT_mesh_gpu_instancing)",
 }
 """Extensions that change the geometry."""
 _HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_")
@@ -40,7 +40,7 @@ def read_gltf(path: Path) -> Mesh:
     """Vertices and triangles of the default scene, in its frame; without triangles the vertices as a cloud.
 
     Raises:
-        UnreadError: the file uses what is not read.
+        RefusedError: the file uses what is not read.
         ValueError: with a short reason, if it is damaged.
         OSError: the file, or one that it names, cannot be read.
     """
@@ -50,7 +50,7 @@ def read_gltf(path: Path) -> Mesh:
         content = json.loads(text.decode("utf-8-sig"))
         _check_extensions(content)
         return _joined(_Scene(content, binary, path).parts())
-    except UnreadError:
+    except RefusedError:
         raise
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError):
         raise ValueError("its JSON cannot be read") from None
@@ -63,7 +63,7 @@ def _chunks(data: bytes) -> tuple[bytes, bytes]:
     """JSON and binary chunk of a GLB."""
     version, length = (int.from_bytes(data[k : k + 4], "little") for k in (4, 8))
     if version != 2:
-        raise UnreadError(f"is a glTF of version {version}", "Export it as glTF 2.0, or as a binary .ply")
+        raise RefusedError(f"it is a glTF of version {version}", "Export it as glTF 2.0, or as a binary .ply")
     if length > len(data) or data[length:].strip(b"\0 \t\r\n"):
         raise ValueError(f"its header promises {length} bytes, it has {len(data)}")
     found: dict[bytes, bytes] = {}
@@ -80,9 +80,9 @@ def _chunks(data: bytes) -> tuple[bytes, bytes]:
 def _check_extensions(content: dict[str, Any]) -> None:
     for name in content.get("extensionsRequired", ()):
         if name in NOT_READ:
-            raise UnreadError(NOT_READ[name], "Export it without that, or as a binary .ply")
+            raise RefusedError(NOT_READ[name], "Export it without that, or as a binary .ply")
         if not name.startswith(_HARMLESS):
-            raise UnreadError(f"needs the extension {name[:60]}", "Export it without that, or as a binary .ply")
+            raise RefusedError(f"it needs the extension {name[:60]}", "Export it without that, or as a binary .ply")
 
 
 class _Scene:
@@ -169,7 +169,7 @@ class _Scene:
         view = self._item("bufferViews", part["bufferView"])
         for name in ("EXT_meshopt_compression", "KHR_meshopt_compression"):
             if view.get("extensions", {}).get(name) and self._is_placeholder(view["buffer"]):
-                raise UnreadError(NOT_READ[name], "Export it without that, or as a binary .ply")
+                raise RefusedError(NOT_READ[name], "Export it without that, or as a binary .ply")
         row = kind.itemsize * width
         stride, start = view.get("byteStride", row), part.get("byteOffset", 0)
         length = start + stride * (count - 1) + row if count else 0
@@ -202,9 +202,9 @@ class _Scene:
                 raise ValueError("a buffer in it is no base64") from None
         file = Path(urllib.parse.unquote(uri))
         if ":" in uri or file.is_absolute() or ".." in file.parts:
-            raise UnreadError(f"keeps its data elsewhere ({uri[:60]})", "Export it as .glb, which holds everything")
+            raise RefusedError(f"it keeps its data elsewhere ({uri[:60]})", "Export it as .glb, which holds everything")
         if not (self._path.parent / file).is_file():
-            raise UnreadError(f"keeps its data in {uri[:60]}, which is not beside it", "Put that file beside it")
+            raise RefusedError(f"it keeps its data in {uri[:60]}, which is not beside it", "Put that file beside it")
         return (self._path.parent / file).read_bytes()
 
     def _placed_nodes(self) -> Iterator[tuple[int, Float[np.ndarray, "4 4"]]]:
@@ -256,7 +256,7 @@ class _Scene:
 
 def _refuse_used(part: dict[str, Any], name: str) -> None:
     if name in part.get("extensions", {}):
-        raise UnreadError(NOT_READ[name], "Export it without that, or as a binary .ply")
+        raise RefusedError(NOT_READ[name], "Export it without that, or as a binary .ply")
 
 
 def _local(node: dict[str, Any]) -> Float[np.ndarray, "4 4"]:

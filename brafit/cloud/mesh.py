@@ -43,7 +43,7 @@ def read_mesh(path: Path, count: int) -> dict[str, np.ndarray]:
         positions; where there are faces also `faces`, the number of their triangles.
 
     Raises:
-        UnreadError: the file is whole, but of a kind that is not read.
+        RefusedError: the file is whole, but of a kind that is not read.
         ValueError: with a short reason, if the file is damaged or holds no usable surface.
         OSError: the file cannot be read.
     """

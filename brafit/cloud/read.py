@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from brafit.cloud.mesh import ABSURD, FLAG, MESH_FORMATS
-from brafit.cloud.refusal import UnreadError
+from brafit.cloud.refusal import RefusedError
 from brafit.cloud.text import TEXT_FORMATS
 from brafit.cloud.worker import ReaderError, read_apart, read_here
 from brafit.errors import InputError
@@ -122,10 +122,10 @@ def _read(path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points: i
     except ReaderError as error:
         remedy = "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds"
         raise InputError(path, f"cannot be read as a cloud ({error})", remedy) from None
-    except UnreadError as error:
-        raise InputError(path, error.cause, error.remedy) from None
+    except RefusedError as error:
+        raise InputError(path, f"cannot be read as a cloud ({_plain(error.cause)})", error.remedy) from None
     except ValueError as error:
-        cause = f"cannot be read as a cloud, it is damaged or cut off ({_plain(error)})"
+        cause = f"cannot be read as a cloud, it is damaged or cut off ({_plain(str(error))})"
         raise InputError(path, cause, _COMPLETE) from None
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror or error})", _PERMISSIONS) from None
@@ -154,9 +154,9 @@ def _check_extension(path: Path) -> None:
         raise InputError(path, f"is named {named}, but its content is {found}", f"Rename it to {path.stem}{found}")
 
 
-def _plain(error: ValueError) -> str:
+def _plain(reason: str) -> str:
     """A reason in printable characters, not too long."""
-    text = "".join(c if c.isprintable() else "?" for c in str(error))
+    text = "".join(c if c.isprintable() else "?" for c in reason)
     return text if len(text) <= 160 else text[:157] + "..."
 
 

@@ -65,7 +65,7 @@ def _check_end(whole: Float[np.ndarray, "r 3 3"], count: int, extra: int) -> Non
     more = len(whole) - count
     if count == 0 or shared[count:].any():
         raise ValueError(f"its header counts {count} triangles, {more or 'no'} more follow")
-    if not shared[count - max(TAIL, count // 20) : count].mean() > 0.5:
+    if not shared[max(count - max(TAIL, count // 20), 0) : count].mean() > 0.5:
         raise ValueError(f"{extra} bytes follow the triangles that its header counts, the last of which join nothing")
 
 

@@ -23,7 +23,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from brafit.cloud.refusal import UnreadError
+from brafit.cloud.refusal import RefusedError
 from brafit.errors import BrafitError
 from brafit.processes import limit_memory
 
@@ -43,7 +43,7 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
 
     Raises:
         ReaderError: the reader crashed, took longer than `seconds` or needed too much memory.
-        UnreadError: the file is whole, but of a kind that is not read.
+        RefusedError: the file is sound, but of a kind that is not read.
         ValueError: the file is damaged; short reason.
         OSError: the file cannot be read.
         BrafitError: a library is missing.
@@ -78,8 +78,8 @@ def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
         return content
     if kind == "os":
         raise OSError(*content)
-    if kind == "unread":
-        raise UnreadError(*content)
+    if kind == "refused":
+        raise RefusedError(*content)
     raise {"memory": ReaderError, "library": BrafitError}.get(kind, ValueError)(content)
 
 
@@ -89,8 +89,8 @@ def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments:
         return "ok", reader(path, **arguments)
     except MemoryError:
         return "memory", "it needs more memory than there is"
-    except UnreadError as error:
-        return "unread", (error.cause, error.remedy)
+    except RefusedError as error:
+        return "refused", (error.cause, error.remedy)
     except BrafitError as error:
         return "library", str(error)
     except OSError as error:

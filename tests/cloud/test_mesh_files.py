@@ -14,7 +14,7 @@ from scipy.spatial import Delaunay
 from brafit.cloud import read_cloud
 from brafit.cloud.mesh import READERS, read_mesh
 from brafit.cloud.polygons import filled
-from brafit.cloud.refusal import UnreadError
+from brafit.cloud.refusal import RefusedError
 from brafit.errors import InputError
 
 
@@ -290,8 +290,8 @@ def test_a_gltf_of_a_kind_that_is_not_read_is_named(tmp_path, changes, cause):
     path.write_text(json.dumps(gltf(**changes)))
     with pytest.raises(InputError) as caught:
         read_cloud(path)
-    assert caught.value.cause == cause
-    with pytest.raises(UnreadError):
+    assert caught.value.cause == f"cannot be read as a cloud (it {cause})"
+    with pytest.raises(RefusedError):
         READERS[".gltf"](path)
 
 
