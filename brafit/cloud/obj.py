@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from brafit.cloud.polygons import Mesh, filled
+from brafit.cloud.refusal import RefusedError
 from brafit.cloud.soundness import check_uncounted
 from brafit.cloud.words import Words, plain_lines
 
@@ -27,6 +28,7 @@ def read_obj(path: Path) -> Mesh:
     coordinates, normals, groups, materials, points and lines say nothing about the surface and are passed over.
 
     Raises:
+        RefusedError: it holds curved surfaces, or names other files.
         ValueError: with a short reason, if a line is not what it should be, a face names a vertex that there is not, or
             the faces are those of no surface (an OBJ says nowhere how many lines it should have).
         OSError: the file cannot be read.
@@ -55,7 +57,8 @@ def _check_others(words: Words, heads: Int[np.ndarray, " n"]) -> None:
         if not _KEYWORD.fullmatch(words[head]):
             raise ValueError(f"line {words.line(head)} begins with {words[head][:20]!r}, which no line of an OBJ does")
         if words[head] in _SURFACES:
-            raise ValueError(f"line {words.line(head)} ({words[head]}) brings more than polygons, which is not read")
+            cause = f"line {words.line(head)} ({words[head]}) brings more than polygons, which is not read"
+            raise RefusedError(cause, "Export the surface as polygons")
 
 
 def _vertices(words: Words, heads: Int[np.ndarray, " v"], widths: Int[np.ndarray, " v"]) -> Float[np.ndarray, "v 3"]:
@@ -67,7 +70,8 @@ def _vertices(words: Words, heads: Int[np.ndarray, " v"], widths: Int[np.ndarray
     bent = weighted[words.numbers(weighted + 4) != 1]
     if bent.size:
         line, weight = words.line(bent[0]), words[bent[0] + 4]
-        raise ValueError(f"line {line} gives a vertex the weight {weight}, which makes sense in curved surfaces only")
+        cause = f"line {line} gives a vertex the weight {weight}, which makes sense in curved surfaces only"
+        raise RefusedError(cause, "Export it with three numbers a vertex, or as a binary .ply")
     coloured = heads[widths > 4]
     if coloured.size:
         words.numbers(coloured[:, None] + np.arange(4, 7))

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from brafit.cloud.polygons import Mesh, filled
+from brafit.cloud.refusal import RefusedError
 from brafit.cloud.words import Words, plain_lines
 
 _HEADER = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF")
@@ -18,6 +19,7 @@ def read_off(path: Path) -> Mesh:
     colours, texture coordinates) is passed over.
 
     Raises:
+        RefusedError: it is binary, or not of three dimensions.
         ValueError: with a short reason, if the lines are not those that the counts promise.
         OSError: the file cannot be read.
     """
@@ -27,7 +29,8 @@ def read_off(path: Path) -> Mesh:
     if header is None:
         raise ValueError("its first line is not 'OFF'")
     if header[4] or header[5] or (len(words) > 1 and words[1].upper() == "BINARY"):
-        raise ValueError("it is an OFF of a kind (binary, or of other than three dimensions) that is not read")
+        cause = "it is a binary OFF, or one of other than three dimensions, which is not read"
+        raise RefusedError(cause, "Export it as an ASCII .off, or as a binary .ply")
     if len(words) < 3:
         raise ValueError("it does not say how many vertices and faces it has")
     vertices, faces = (int(count) for count in words.whole_numbers(np.array([1, 2])))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
+from brafit.cloud.refusal import RefusedError
+
 USED = 0.5
 """Least share of the vertices that the faces use."""
 REPEATED = 2
@@ -24,12 +26,13 @@ def check_uncounted(vertices: Float[np.ndarray, "v 3"], triangles: Int[np.ndarra
     A whole mesh may have parts much finer than others, holes, single faces, and long thin ones.
 
     Raises:
+        RefusedError: faces use few of the vertices.
         ValueError: with a short reason.
     """
     used = np.flatnonzero(np.bincount(triangles.ravel()))
     if len(used) < USED * len(vertices):
-        cause = "as if its end were missing, or as if vertices had not been deleted with their faces"
-        raise ValueError(f"its faces use {len(used)} of {len(vertices)} vertices only, {cause}")
+        cause = f"its faces use {len(used)} of {len(vertices)} vertices only, as if its end were missing"
+        raise RefusedError(cause, "Check that the copy is complete; if it is, delete the vertices that no face uses")
     _check_repeats(vertices, unused=len(vertices) - 1 - int(used[-1]) if len(used) else 0)
     if np.isfinite(vertices[used]).all():
         _check_surface(vertices, triangles)

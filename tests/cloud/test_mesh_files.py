@@ -38,7 +38,7 @@ def reason(path, data: str | bytes) -> str:
     path.write_bytes(data.encode() if isinstance(data, str) else data)
     with pytest.raises(ValueError, match=r"\w") as caught:
         read_mesh(path, 1000)
-    return str(caught.value)
+    return caught.value.cause if isinstance(caught.value, RefusedError) else str(caught.value)
 
 
 # Outlines whose areas are known: an L, a quad with a corner drawn in, a comb, a square with a bridge to a square hole.
