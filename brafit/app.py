@@ -29,6 +29,7 @@ from brafit.arguments import prepared
 from brafit.atomic import write_text
 from brafit.config import check, check_launcher, explain, from_settings, help_text, register, sources
 from brafit.errors import BrafitError, ConfigError
+from brafit.naming import print_anything
 from brafit.quoting import unquoted
 from brafit.run.folder import is_about_writing, make_writable, why_not
 from brafit.run.job import REDO
@@ -127,6 +128,7 @@ def main() -> None:
     With -m the highest of the jobs' statuses.
     """
     _note(None)
+    print_anything()
     full = os.environ.get("HYDRA_FULL_ERROR") == "1"
     # Hydra prints its errors at length and exits with 1, unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from brafit.naming import shown
+
 TEMPORARY = ".writing-"
 """How the names of files begin that are not whole yet."""
 
@@ -38,6 +40,6 @@ def write_bytes(path: str | Path, data: bytes) -> None:
 def write_text(path: str | Path, text: str) -> None:
     """Write a UTF-8 text file in one piece, line ends as they are in `text`.
 
-    What UTF-8 cannot hold, as in names of files whose bytes were no text, becomes a question mark.
+    What UTF-8 cannot hold, as in names of files whose bytes were no text, becomes a replacement sign.
     """
-    write_bytes(path, text.encode("utf-8", errors="replace"))
+    write_bytes(path, shown(text).encode("utf-8"))

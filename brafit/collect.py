@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from brafit.errors import BrafitError
+from brafit.naming import print_anything
 from brafit.run.closing import closing
 from brafit.run.collect import collect
 
@@ -20,6 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("folders", nargs="+", metavar="DIR", help="folder of a run, such as of one shard of a dataset")
     parser.add_argument("--out", metavar="DIR", help="where the table goes; the first folder if not given")
     given = parser.parse_args(arguments)
+    print_anything()
     try:
         done = collect(given.folders, given.out)
     except BrafitError as error:

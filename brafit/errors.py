@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from brafit.naming import shown
+
 
 class BrafitError(Exception):
     """Base of every error that brafit raises on purpose."""
@@ -13,13 +15,13 @@ class InputError(BrafitError):
     """An input that cannot be used.
 
     `file` is the file (or the override) at fault, `cause` says what is wrong with it and
-    `remedy` what the user can do. `str(error)` is one line holding all three.
+    `remedy` what the user can do. `str(error)` is one line holding all three, in letters that can be written.
     """
 
     def __init__(self, file: str | Path, cause: str, remedy: str):
         self.file, self.cause, self.remedy = str(file), cause, remedy
         line = f"{self.file}: {cause.rstrip('.')}. {remedy.rstrip('.')}."
-        super().__init__(" ".join(line.split()))
+        super().__init__(shown(" ".join(line.split())))
 
     def __reduce__(self) -> tuple:
         return InputError, (self.file, self.cause, self.remedy)

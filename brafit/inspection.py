@@ -16,10 +16,11 @@ import numpy as np
 
 from brafit.anatomy import proposed_landmarks
 from brafit.atomic import write_text
-from brafit.cloud import FORMATS, Cloud, read_cloud
+from brafit.cloud import Cloud, read_cloud
 from brafit.errors import BrafitError, InputError
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_breasts
 from brafit.landmarks.units import MILLIMETRES, body_unit
+from brafit.naming import print_anything
 from brafit.scan import Scan, find_scans, load_sides, scan_names
 from brafit.underwires.nearest import nearest_wire
 
@@ -29,8 +30,9 @@ ALL_OK, SOME_FAILED, NOTHING_RAN = 0, 1, 2
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry of the console script; exit status as `brafit`'s."""
     options = _parser().parse_args(arguments)
+    print_anything()
     try:
-        paths = _paths(options.scans)
+        paths = find_scans(options.scans, propose=True)
     except BrafitError as error:
         print(f"brafit-inspect: {error}", file=sys.stderr)
         sys.exit(NOTHING_RAN)
@@ -93,18 +95,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--wire", help="detect, or a size; default: as given, detected where missing")
     parser.add_argument("--beside", action="store_true", help="write landmark files beside scans that have none")
     return parser
-
-
-def _paths(entries: Sequence[str]) -> list[Path]:
-    """The scans meant, in folders those without landmark file as well."""
-    found: list[str | Path] = []
-    for entry in entries:
-        folder = Path(entry)
-        found += [f for f in sorted(folder.iterdir()) if f.suffix.lower() in FORMATS] if folder.is_dir() else [entry]
-    if not found:
-        formats = ", ".join(sorted(FORMATS))
-        raise InputError(entries[0], "the folder holds no scan", f"Name a folder with scans ({formats})")
-    return find_scans(found)
 
 
 def _loaded(scans: Sequence[Scan | InputError]) -> list[Scan]:

@@ -16,9 +16,9 @@ from numpy import ndarray
 
 from brafit.atomic import write_bytes
 from brafit.cup.shape import CupShape
-from brafit.fit import CupFit, Target
-from brafit.fit.certainty import outline_deviation
-from brafit.fit.measure import point_distances
+from brafit.fitting import CupFit, Target
+from brafit.fitting.certainty import outline_deviation
+from brafit.fitting.measure import point_distances
 from brafit.landmarks import CupFrame
 from brafit.pattern import Pattern, PatternOptions, Piece, Side, deepest_point, finish, marks_on, pieces_from_panels
 from brafit.report.dimensions import Dimension, dimension_deviation, dimensions

@@ -34,12 +34,12 @@ from torch import Tensor
 
 from brafit.config import register
 from brafit.cup import CupShape, FramesCup, StripsCup, Wire
-from brafit.fit import LM, Conditions, LMStage, NelderMead, Target, fit_targets
-from brafit.fit.lm import minimise, staged
-from brafit.fit.loop import certainty, measured_cups, starting_problems, winners
-from brafit.fit.measure import flat_panels, in_millimetres, upper_edge_gap
-from brafit.fit.objective import Objective, Pressure
-from brafit.fit.targets import Targets
+from brafit.fitting import LM, Conditions, LMStage, NelderMead, Target, fit_targets
+from brafit.fitting.lm import minimise, staged
+from brafit.fitting.loop import certainty, measured_cups, starting_problems, winners
+from brafit.fitting.measure import flat_panels, in_millimetres, upper_edge_gap
+from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.targets import Targets
 from brafit.run.fitting import target_of
 from brafit.scan import find_scans, load_scan
 from brafit.simulation.synthetic import on_panels, quarter_sphere

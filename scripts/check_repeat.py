@@ -34,10 +34,10 @@ from tqdm import tqdm
 from brafit.config import register
 from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
-from brafit.fit import CupFit, Target, fit_targets
-from brafit.fit.objective import Conditions
-from brafit.fit.result import ResultCode
-from brafit.fit.solver import Solver
+from brafit.fitting import CupFit, Target, fit_targets
+from brafit.fitting.objective import Conditions
+from brafit.fitting.result import ResultCode
+from brafit.fitting.solver import Solver
 from brafit.geometry.development import FlatPanel
 from brafit.geometry.fairness import EdgeCurvature
 from brafit.geometry.polyline import distances, evenly_spaced

@@ -42,8 +42,8 @@ from brafit.cloud import read_cloud
 from brafit.config import register
 from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
-from brafit.fit import CupFit, Target, fit_targets
-from brafit.fit.measure import point_distances
+from brafit.fitting import CupFit, Target, fit_targets
+from brafit.fitting.measure import point_distances
 from brafit.geometry.order import along_curve
 from brafit.geometry.polyline import evenly_spaced
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_landmarks

@@ -21,12 +21,12 @@ import torch
 from torch import Tensor
 
 from brafit.cup import CupShape, FramesCup, Wire
-from brafit.fit import Anneal, Conditions, NelderMead, Solver, Target
-from brafit.fit.lm import LM
-from brafit.fit.loop import in_millimetres
-from brafit.fit.measure import flat_panels, point_distances
-from brafit.fit.objective import Objective
-from brafit.fit.targets import Targets
+from brafit.fitting import Anneal, Conditions, NelderMead, Solver, Target
+from brafit.fitting.lm import LM
+from brafit.fitting.loop import in_millimetres
+from brafit.fitting.measure import flat_panels, point_distances
+from brafit.fitting.objective import Objective
+from brafit.fitting.targets import Targets
 from brafit.geometry.developable import twist_determinant
 from brafit.geometry.development import FlatPanel
 from brafit.pattern import pieces_from_panels

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from brafit.cup import FramesCup
-from brafit.fit import Anneal, Conditions, CupFit, ResultCode, Stage, Target
+from brafit.fitting import Anneal, Conditions, CupFit, ResultCode, Stage, Target
 from brafit.pattern import PatternOptions
 from brafit.run.recipe import Recipe
 

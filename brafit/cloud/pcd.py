@@ -1,4 +1,4 @@
-"""Clouds of the Point Cloud Library: .pcd (v0.7, data ascii, binary or binary_compressed).
+"""Clouds of the Point Cloud Library: .pcd (v0.5 to v0.7, data ascii, binary or binary_compressed).
 
 Read here and not by Open3D, which crashes on many damaged headers, and in silence invents points where lines are
 missing.
@@ -6,11 +6,15 @@ missing.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from brafit.cloud.dialect import Numbers
+
+HEADER_BYTES = 100_000
 KINDS = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 """Sizes in bytes that each TYPE of a field can have."""
 COLUMNS = {"positions": ("x", "y", "z"), "normals": ("normal_x", "normal_y", "normal_z"), "inside": ("inside",)}
@@ -19,17 +23,20 @@ COLUMNS = {"positions": ("x", "y", "z"), "normals": ("normal_x", "normal_y", "no
 
 @dataclass(frozen=True)
 class _Header:
-    """Field names, their formats in one row of data, the number of rows, the kind of data and where it starts."""
+    """Field names, their formats in one row of data, the number of rows, whether they are the pixels of an image, the
+    kind of data and where it starts.
+    """
 
     names: list[str]
     formats: list[np.dtype]
     points: int
+    image: bool
     coding: str
     start: int
 
 
 def read_pcd(path: Path) -> dict[str, np.ndarray]:
-    """Those of `COLUMNS` that the file has, each (n, number of its fields).
+    """Those of `COLUMNS` that the file has, each (n, number of its fields); `image` if the points are pixels.
 
     Raises:
         ValueError: with a short reason, if the file is damaged or cut off.
@@ -40,41 +47,59 @@ def read_pcd(path: Path) -> dict[str, np.ndarray]:
     readers = {"ascii": _ascii, "binary": _binary, "binary_compressed": _compressed}
     if header.coding not in readers:
         raise ValueError("its header names no known kind of DATA")
-    fields = readers[header.coding](header, data[header.start :])
     found = {name: parts for name, parts in COLUMNS.items() if set(parts) <= set(header.names)}
     if "positions" not in found:
         raise ValueError("it has no positions x, y, z")
-    at = {name: fields[header.names.index(name)].reshape(header.points, -1)[:, 0] for name in sum(found.values(), ())}
-    return {name: np.stack([at[part] for part in parts], axis=1) for name, parts in found.items()}
+    needed = list(itertools.chain(*found.values()))
+    if doubled := [part for part in needed if header.names.count(part) > 1]:
+        raise ValueError(f"its header names the field {doubled[0]} twice")
+    at = [header.names.index(part) for part in needed]
+    if empty := [header.names[k] for k in at if header.formats[k].shape[0] == 0]:
+        raise ValueError(f"its field {empty[0]} has COUNT 0")
+    if not header.points:
+        return {"positions": np.empty((0, 3))}
+    fields = readers[header.coding](header, data[header.start :])
+    columns = {part: fields[k].reshape(header.points, -1)[:, 0] for part, k in zip(needed, at, strict=True)}
+    image = {"image": np.ones(1)} if header.image else {}
+    return {name: np.stack([columns[part] for part in parts], axis=1) for name, parts in found.items()} | image
 
 
 def _header(data: bytes) -> _Header:
+    """The header. What old versions do not say is one value of four bytes for each field, and one row of points."""
     words, start = _words(data)
-    kinds, sizes, counts = words.get("TYPE", []), _numbers(words, "SIZE"), _numbers(words, "COUNT")
-    names, counts = words.get("FIELDS", []), counts or [1] * len(sizes)
-    if not len(names) == len(kinds) == len(sizes) == len(counts) or 0 in counts:
+    names = [name.lower() for name in words.get("FIELDS", words.get("COLUMNS", []))]
+    sizes = _numbers(words, "SIZE") or [4] * len(names)
+    kinds = [kind.upper() for kind in words.get("TYPE", [])] or ["F"] * len(names)
+    counts = _numbers(words, "COUNT") or [1] * len(names)
+    if not names or not len(names) == len(kinds) == len(sizes) == len(counts):
         raise ValueError("its header does not describe every field")
     if any(size not in KINDS.get(kind, ()) for kind, size in zip(kinds, sizes, strict=True)):
         raise ValueError("its header has a field of unknown type")
     points, width, height = (_numbers(words, key) for key in ("POINTS", "WIDTH", "HEIGHT"))
+    width, height = width or points, height or [1]
+    if not points and len(width) == len(height) == 1:
+        points = [width[0] * height[0]]
     if not len(points) == len(width) == len(height) == 1 or points[0] != width[0] * height[0]:
         raise ValueError("its header is not clear about the number of points")
     formats = [
         np.dtype((f"<{kind.lower()}{size}", (count,))) for kind, size, count in zip(kinds, sizes, counts, strict=True)
     ]
-    return _Header(names, formats, points[0], " ".join(words["DATA"]), start)
+    image = min(width[0], height[0]) > 1
+    return _Header(names, formats, points[0], image, " ".join(words["DATA"]).lower(), start)
 
 
 def _words(data: bytes) -> tuple[dict[str, list[str]], int]:
     """The header's words by key, and where the data start."""
     found: dict[str, list[str]] = {}
     start = 0
-    for line in data[:10_000].split(b"\n"):
-        start += len(line) + 1
-        words = line.decode(errors="replace").split()
-        if words and not words[0].startswith("#"):
-            found[words[0]] = words[1:]
-            if words[0] == "DATA":
+    while start < min(len(data), HEADER_BYTES):
+        end = data.find(b"\n", start, start + HEADER_BYTES)
+        line = data[start : end if end >= 0 else start + HEADER_BYTES].decode(errors="replace")
+        start = end + 1 if end >= 0 else len(data)
+        words = line.split("#")[0].split()
+        if words:
+            found[words[0].upper()] = words[1:]
+            if words[0].upper() == "DATA":
                 return found, start
     raise ValueError("its header has no line DATA")
 
@@ -86,12 +111,19 @@ def _numbers(words: dict[str, list[str]], key: str) -> list[int]:
 
 
 def _ascii(header: _Header, body: bytes) -> list[np.ndarray]:
-    rows = [line.split() for line in body.splitlines() if line.strip()]
+    lines = [line for line in body.decode(errors="replace").split("\n") if line.strip()]
     widths = [format.shape[0] for format in header.formats]
-    if len(rows) != header.points or any(len(row) != sum(widths) for row in rows):
-        promised = f"{header.points} lines of {sum(widths)} numbers"
-        raise ValueError(f"its header promises {promised}, {len(rows)} lines follow")
-    table = np.array(rows, dtype=np.float64).reshape(header.points, sum(widths))
+    promised = f"its header promises {header.points} lines of {sum(widths)} numbers"
+    if len(lines) != header.points:
+        raise ValueError(f"{promised}, {len(lines)} lines follow")
+    try:
+        table = np.loadtxt(lines, comments=None, ndmin=2)
+    except ValueError:  # a line of another length, or words for NaN that NumPy does not know
+        table, numbers = np.empty((0, 0)), Numbers()
+        if all(len(line.split()) == sum(widths) for line in lines):
+            table = np.array([[numbers(word) for word in line.split()] for line in lines])
+    if table.shape != (header.points, sum(widths)):
+        raise ValueError(f"{promised}, but its lines are not all of {sum(widths)}")
     return np.split(table, np.cumsum(widths)[:-1], axis=1)
 
 

@@ -52,6 +52,7 @@ class Cloud:
         inside: True for points between wire and upper line, or None where the file has no property `inside`.
         faces: faces of the mesh that the points were sampled on; 0 for a cloud.
         dropped: points that were left out because their coordinates are NaN, infinite or absurdly large.
+        unit: of the points, one of `brafit.landmarks.units.MILLIMETRES`, or None where the file does not state it.
     """
 
     path: Path
@@ -60,6 +61,7 @@ class Cloud:
     inside: Bool[np.ndarray, " n"] | None
     faces: int = 0
     dropped: int = 0
+    unit: str | None = None
 
 
 def read_cloud(
@@ -83,7 +85,7 @@ def read_cloud(
     columns = _read(path, read, mesh_points)
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is reported below
         points = np.ascontiguousarray(columns["positions"], dtype=np.float64)
-    finite = _check_points(path, points)
+    finite = _check_points(path, points, image="image" in columns)
     normals, flag = columns.get("normals"), columns.get(FLAG)
     return Cloud(
         path=path,
@@ -92,6 +94,7 @@ def read_cloud(
         inside=None if flag is None else flag.reshape(len(points), -1)[finite, 0] > 0.5,
         faces=int(columns["faces"][0]) if "faces" in columns else 0,
         dropped=int((~finite).sum()),
+        unit=str(columns["unit"][0]) if "unit" in columns else None,
     )
 
 
@@ -160,8 +163,8 @@ def _plain(reason: str) -> str:
     return text if len(text) <= 160 else text[:157] + "..."
 
 
-def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Mask of the points that are finite."""
+def _check_points(path: Path, points: Float[np.ndarray, "n 3"], image: bool) -> Bool[np.ndarray, " n"]:
+    """Mask of the points that are finite; `image`: they are pixels, most of which may see nothing."""
     if len(points) < MIN_POINTS:
         cause = f"the cloud is too small: {len(points)} point{'' if len(points) == 1 else 's'}"
         raise InputError(path, cause, f"A cup needs at least {MIN_POINTS}, and thousands to be good: scan more densely")
@@ -169,7 +172,7 @@ def _check_points(path: Path, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarr
         finite = np.asarray((np.abs(points) < ABSURD).all(axis=1))
     good = int(finite.sum())
     # Scanners mark what they did not see by NaN; a file that is mostly so is no scan.
-    if good < MIN_POINTS or 2 * good < len(points):
+    if good < MIN_POINTS or (2 * good < len(points) and not image):
         cause = (
             f"{len(points) - good} of {len(points)} points have coordinates that are NaN, infinite or absurdly large"
         )

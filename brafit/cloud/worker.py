@@ -25,6 +25,7 @@ import numpy as np
 
 from brafit.cloud.refusal import RefusedError
 from brafit.errors import BrafitError
+from brafit.naming import plain_path
 from brafit.processes import limit_memory
 
 START_SECONDS = 120.0
@@ -86,7 +87,8 @@ def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
 def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments: dict[str, Any]) -> tuple[str, Any]:
     """What a reader makes of a file: kind and content of a reply."""
     try:
-        return "ok", reader(path, **arguments)
+        with plain_path(path) as plain:
+            return "ok", reader(plain, **arguments)
     except MemoryError:
         return "memory", "it needs more memory than there is"
     except RefusedError as error:

@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from brafit.errors import InputError
 from brafit.landmarks.units import MILLIMETRES
+from brafit.naming import on_disk
 
 SIDES = ("left", "right")
 POINT_NAMES = ("inner_end", "outer_end", "wire_bottom", "apex", "strap_point")
@@ -71,8 +72,11 @@ class Landmarks:
 
 
 def landmarks_path(cloud: str | Path) -> Path:
-    """Where the landmark file of a cloud is expected: beside it, with the same stem."""
-    return Path(cloud).with_suffix(".json")
+    """Where the landmark file of a cloud is, or is expected: beside it, with the same stem (see `on_disk`)."""
+    path = Path(cloud).with_suffix(".json")
+    found = on_disk(path)
+    upper = path.with_suffix(".JSON")
+    return upper if not found.exists() and upper.exists() else found
 
 
 def read_landmarks(path: str | Path, side: str | None = None) -> Landmarks:

@@ -16,7 +16,7 @@ _STEPS = (1, 2, 5, 10, 20, 50, 100)
 _MARGIN = 8.0
 
 Deviation = Sequence[tuple[Float[ndarray, " n"], Float[ndarray, " n"]]]
-"""From `brafit.fit.certainty.outline_deviation`: of the lower and the upper edge of each piece."""
+"""From `brafit.fitting.certainty.outline_deviation`: of the lower and the upper edge of each piece."""
 
 
 def magnification(deviation: Deviation) -> int:

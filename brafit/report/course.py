@@ -11,7 +11,7 @@ class FitStep:
     """What a batch's fit tells of a step.
 
     Attributes:
-        stage, index, total: as in `brafit.fit.Step`.
+        stage, index, total: as in `brafit.fitting.Step`.
         quantiles: of each term its median, 5th and 95th percentile over the batch.
         scans: of the scans that are watched, by name, their objective and RMS.
     """

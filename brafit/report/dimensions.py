@@ -79,7 +79,7 @@ def dimension_deviation(
     apex: Float[ndarray, "3"],
     strap_point: Float[ndarray, "3"] | None = None,
 ) -> dict[Key, float]:
-    """Standard deviation of every dimension, before ease; empty without alternatives (`brafit.fit.certainty`)."""
+    """Standard deviation of every dimension, before ease; empty without alternatives (`brafit.fitting.certainty`)."""
     if not alternatives:
         return {}
     cups = [fit, *alternatives]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,7 @@ def write_index(
     )
     places = [str(row["scan"]) for row in rows] if folders is None else folders
     told = zip(rows, warnings, places, strict=True)
-    lines = "\n".join(_index_line(row, own, keys, quote(place)) for row, own, place in told)
+    lines = "\n".join(_index_line(row, own, keys, quote(os.fsencode(place))) for row, own, place in told)
     good, warned = sum(row.get("status") == "ok" for row in rows), sum(bool(told) for told in warnings)
     body = (
         f"<h1>bra cups</h1><p>{good} of {len(rows)} scans ok, {warned} with warnings. "

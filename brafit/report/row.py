@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from brafit.fit.loop import CupFit
-from brafit.fit.result import ResultCode
+from brafit.fitting.loop import CupFit
+from brafit.fitting.result import ResultCode
+from brafit.naming import shown
 from brafit.underwires.nearest import nearest_wire
 
 OPTIONAL = {"outline_sd_mm", "upper_edge_mm", "neckline_smoothing_mm"}
@@ -25,7 +26,7 @@ def failed_row(
         model: cup, solver, panels and terms, by these keys.
         side, points: as far as they are known.
     """
-    row = {"scan": name, "status": "failed", "reason": reason, **model, "side": side, "points": points}
+    row = {"scan": name, "status": "failed", "reason": shown(reason), **model, "side": side, "points": points}
     return {key: value for key, value in row.items() if value is not None}
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from brafit.atomic import replacing, write_text
+from brafit.naming import shown
 
 SUMMARY_KEYS: tuple[str, ...] = (
     "scan", "status", "reason", "side", "cup", "panels", "terms", "solver", "points",
@@ -89,8 +90,8 @@ def write_parquet(path: str | Path, rows: Sequence[Mapping[str, Any]], keys: Seq
 
     plain = [{key: _plain(row.get(key)) for key in keys} for row in rows]
     table = pyarrow.Table.from_pylist(plain, schema=pyarrow.schema([(key, _parquet_type(key)) for key in keys]))
-    with replacing(path) as temporary:
-        pyarrow.parquet.write_table(table, temporary)
+    with replacing(path) as temporary, temporary.open("wb") as file:  # opened here: a path may be no UTF-8
+        pyarrow.parquet.write_table(table, file)
 
 
 def _parquet_type(key: str) -> Any:
@@ -140,7 +141,7 @@ def _plain(value: Any) -> Any:
         return [_plain(entry) for entry in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, (bool, int)) else str(value)
+    return value if value is None or isinstance(value, (bool, int)) else shown(str(value))
 
 
 def _cell(value: Any) -> str:

@@ -10,6 +10,7 @@ import json
 import struct
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from tensorboard.plugins.text import metadata as texts
 from tensorboard.summary.writer.event_file_writer import EventFileWriter
 from tensorboard.util.tensor_util import make_tensor_proto
 
+from brafit.naming import plain_path
 from brafit.report.course import FitStep
 
 MOMENTS = 1000
@@ -45,7 +47,10 @@ class Recorder:
     """
 
     def __init__(self, folder: str | Path):
-        self._writer = EventFileWriter(str(folder), max_queue_size=1000, flush_secs=10)
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        self._link = ExitStack()
+        place = self._link.enter_context(plain_path(Path(folder)))
+        self._writer = EventFileWriter(str(place), max_queue_size=1000, flush_secs=10)
         self._charted: list[str] = []
         self._stages: list[str] = []
         self._next = 0
@@ -115,6 +120,7 @@ class Recorder:
     def close(self) -> None:
         """Write what is pending and close the files."""
         self._writer.close()
+        self._link.close()
 
     def _chart(self, terms: Mapping[str, Any]) -> None:
         """One chart per term, all in one group. TensorBoard takes the last layout written."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from brafit.naming import shown
 from brafit.report.table import format_table
 from brafit.run.job import Done
 from brafit.run.sinks import Tally
@@ -26,8 +27,8 @@ def closing(done: Sequence[Done], out: Path, told: bool = False) -> str:
     for one in done:
         tally.add(one)
     large = len(done) > ROWS
-    shown = [] if large and told else [one.row for one in done if not (large and one.ok)][:ROWS]
-    lines = [format_table(shown, reasons=not told), ""] if shown else []
+    rows = [] if large and told else [one.row for one in done if not (large and one.ok)][:ROWS]
+    lines = [format_table(rows, reasons=not told), ""] if rows else []
     counts = f"{tally.ok} of {tally.total} scans ok"
     details = [f"{tally.warned} of them with warnings"] * bool(tally.warned)
     details += [f"{tally.kept} kept from before"] * bool(tally.kept)
@@ -36,4 +37,4 @@ def closing(done: Sequence[Done], out: Path, told: bool = False) -> str:
     if large:
         lines += [f"  {count} x {cause}" for cause, count in tally.causes.most_common(CAUSES)]
         lines += [f"  and {len(tally.causes) - CAUSES} other reasons"] * (len(tally.causes) > CAUSES)
-    return "\n".join([*lines, f"Results: {out}"])
+    return "\n".join([*lines, f"Results: {shown(str(out))}"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from brafit.errors import ConfigError, InputError
+from brafit.naming import on_disk
 
 SIDES = ("left", "right")
 COLUMNS = ("cloud", "landmarks", "side", "name")
@@ -38,7 +40,11 @@ class ScanRef:
 
 
 def dataset(
-    scans: Sequence[str | Path], side: str | None = None, manifest: str | None = None, shard: str | None = None
+    scans: Sequence[str | Path],
+    side: str | None = None,
+    manifest: str | None = None,
+    shard: str | None = None,
+    propose: bool = False,
 ) -> tuple[list[ScanRef], list[str]]:
     """The scans of a run in their order, and notes on what was passed over.
 
@@ -47,30 +53,34 @@ def dataset(
         side: `left`, `right`, `both` or None, see `brafit.scan.load_scan`.
         manifest: a table of scans, CSV or Parquet, see `read_manifest`.
         shard: `K/N`: every N-th file from the K-th on. The names are those of the whole dataset.
+        propose: landmarks are proposed where there are none, so a folder means all clouds in it.
 
     Raises:
         InputError: no scan is found, or the table cannot be used.
         ConfigError: `shard` is not of that form.
     """
-    from brafit.scan.discovery import find_scans, passed_over, scan_names  # imports much, and not everyone gets here
+    # imports much, and not everyone gets here
+    from brafit.scan.discovery import find_scans, numbered, passed_over, scan_names
 
     if manifest is not None:
         rows, notes = read_manifest(manifest)
     else:
-        rows, notes = [_Row(path) for path in find_scans(list(scans))], passed_over(list(scans))
+        rows = [_Row(path) for path in find_scans(list(scans), propose)]
+        notes = passed_over(list(scans), propose)
     given = [row.name for row in rows if row.name]
     if doubled := {name for name in given if given.count(name) > 1} if len(set(given)) < len(given) else set():
         raise InputError(manifest or "scans", f"the name {min(doubled)!r} stands twice", "Give every row its own name")
-    names = scan_names([Path(row.name) if row.name else row.path for row in rows])
+    names = scan_names([row.path for row in rows], [row.name for row in rows])
+    sides = [SIDES if (row.side or side) == "both" else (row.side or side,) for row in rows]
+    own = [
+        [f"{name}_{one}" if len(both) > 1 else name for one in both] for name, both in zip(names, sides, strict=True)
+    ]
+    unique = iter(numbered([name for group in own for name in group]))  # `a` of both sides, and `a_left`
     refs: list[ScanRef] = []
-    position = 0
-    for row, name in zip(rows, names, strict=True):
-        wanted = row.side or side
-        sides = SIDES if wanted == "both" else (wanted,)
-        own = tuple(f"{name}_{which}" for which in SIDES) if wanted == "both" else (name,)
-        positions = tuple(range(position, position + len(sides)))
-        position += len(sides)
-        refs.append(ScanRef(row.path, own, sides, positions, row.landmarks, row.overrides))
+    position = itertools.count()
+    for row, both in zip(rows, sides, strict=True):
+        called, positions = tuple(next(unique) for _ in both), tuple(next(position) for _ in both)
+        refs.append(ScanRef(row.path, called, both, positions, row.landmarks, row.overrides))
     return (refs if shard is None else _part(refs, shard)), notes
 
 
@@ -149,7 +159,7 @@ def _manifest_row(file: Path, number: int, line: dict[str, str], settings: Seque
 
 def _beside(table: Path, entry: str) -> Path:
     path = Path(entry).expanduser()
-    return path if path.is_absolute() else table.parent / path
+    return on_disk(path if path.is_absolute() else table.parent / path)
 
 
 def _is_setting(key: str) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from brafit.fit import CupFit, Step, Target
+from brafit.fitting import CupFit, Step, Target
 from brafit.pattern import Side
 from brafit.report.uncovered import uncovered_share
 from brafit.result import Result

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from brafit.fit import CupFit, ResultCode
+from brafit.fitting import CupFit, ResultCode
 from brafit.landmarks.plausibility import polyline_length
 from brafit.scan import Scan
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from brafit.errors import ConfigError
 
 if TYPE_CHECKING:
-    from brafit.fit import CupFit, Step, Target
+    from brafit.fitting import CupFit, Step, Target
     from brafit.pattern import PatternOptions
 
 
@@ -19,7 +19,7 @@ class Recipe:
 
     Attributes:
         cup: makes the cup, such as a partial of `brafit.cup.FramesCup`.
-        solver, condition: what `brafit.fit.fit_targets` takes.
+        solver, condition: what `brafit.fitting.fit_targets` takes.
         pattern: how patterns are finished and which files are written.
         names: what the rows call the cup model (`cup`) and the solver (`solver`).
         scan: keyword arguments of `brafit.scan.load_scan`.
@@ -42,10 +42,10 @@ class Recipe:
     def fit(
         self, targets: Sequence[Target], callback: Callable[[Step], None] | None = None, threads: int = 1
     ) -> list[CupFit]:
-        """`brafit.fit.fit_targets` by this recipe."""
+        """`brafit.fitting.fit_targets` by this recipe."""
         import torch
 
-        from brafit.fit import fit_targets
+        from brafit.fitting import fit_targets
 
         return fit_targets(
             targets,

@@ -250,7 +250,7 @@ class ErrorLog(Sink):
 
     def scan(self, done: Done) -> None:
         if done.trace:
-            with self._path.open("a", encoding="utf-8") as log:
+            with self._path.open("a", encoding="utf-8", errors="replace") as log:
                 log.write(f"{done.name}: {done.row['reason']}\n{done.trace}\n")
 
 

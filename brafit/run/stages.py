@@ -21,7 +21,7 @@ from brafit.atomic import TEMPORARY, write_bytes
 from brafit.cloud import read_cloud
 from brafit.cloud.open3d_runtime import open3d
 from brafit.errors import BrafitError, InputError
-from brafit.fit import Step
+from brafit.fitting import Step
 from brafit.report.course import FitStep
 from brafit.report.row import failed_row, fitted_row
 from brafit.report.table import write_fit_json
@@ -58,7 +58,7 @@ def begin(
     recipe = _recipe(source)
     if recipe.scan.get("points", 1) is not None or recipe.scan.get("outliers", 1) is not None:
         open3d()  # what cannot be imported is to be known before anything else as well
-    return dataset_of(scans, side, manifest, shard)
+    return dataset_of(scans, side, manifest, shard, bool(recipe.scan.get("propose")))
 
 
 def load(source: bytes, ref: ScanRef, out: Path, resume: bool, tell: Tell) -> list[Done | bytes]:

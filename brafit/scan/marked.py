@@ -106,10 +106,11 @@ def with_marks(raw: Cloud, marks: Path | Landmarks, units: str | None, propose: 
     if not propose:
         remedy = f"Write {marks.name} (brafit-inspect proposes one), or set scan.propose=true"
         raise InputError(raw.path, f"no landmark file {marks.name} beside the cloud", remedy)
-    unit = units or body_unit(raw.path, raw.points)
+    stated = units or raw.unit
+    unit = stated or body_unit(raw.path, raw.points)
     whole = _scaled(raw, unit)
     proposed = proposed_landmarks(raw.path, whole.cloud.points)
-    return Marked(whole, tuple(proposed), Units(unit, unit, "" if units else "the depth of the body"))
+    return Marked(whole, tuple(proposed), Units(unit, unit, "" if stated else "the depth of the body"))
 
 
 def _given(raw: Cloud, breasts: list[Landmarks], units: str | None) -> Marked:
@@ -117,15 +118,22 @@ def _given(raw: Cloud, breasts: list[Landmarks], units: str | None) -> Marked:
     unit, found = _marks_unit(raw, breasts, units or declared)
     breasts = [marks.mapped(lambda p: p * MILLIMETRES[unit], units="mm") for marks in breasts]
     placed = np.concatenate([marks.positions() for marks in breasts])
-    of_cloud = units or (cloud_unit(raw.points, placed) if len(placed) > 3 else None) or unit
+    lying = None if units or len(placed) <= 3 else cloud_unit(raw.points, placed)
+    of_cloud = units or raw.unit or lying or unit
     if of_cloud != unit and declared:
-        cause = f"the cloud is in {NAMES[of_cloud]}, its landmark file {path.name} says units {declared!r}"
+        says = f"its header says units {of_cloud!r}" if raw.unit else f"the cloud is in {NAMES[of_cloud]}"
+        cause = f"{says}, its landmark file {path.name} says units {declared!r}"
         remedy = (
             f'Export the cloud in {NAMES[unit]}; or take "units" out of {path.name}, and each file\'s unit is found'
         )
         raise InputError(raw.path, cause, remedy)
+    if raw.unit and not units and lying not in (None, raw.unit):
+        cause = (
+            f"its header says units {raw.unit!r}, but the landmarks of {path.name} lie on it as if in {NAMES[lying]}"
+        )
+        raise InputError(raw.path, cause, "Correct the one that is wrong, or say the unit of both: scan.units=UNIT")
     if of_cloud != unit:
-        found = "how the landmarks lie on the cloud"
+        found = "its header" if raw.unit else "how the landmarks lie on the cloud"
     return Marked(_scaled(raw, of_cloud), tuple(breasts), Units(of_cloud, unit, found))
 
 
@@ -136,6 +144,8 @@ def _marks_unit(raw: Cloud, breasts: list[Landmarks], said: str | None) -> tuple
     wire = next((marks.wire for marks in breasts if marks.wire is not None), None)
     if wire is not None:
         return wire_unit(breasts[0].path, polyline_length(wire)), "the length of the wire"
+    if raw.unit:
+        return raw.unit, "its header"
     return body_unit(raw.path, raw.points), "the depth of the body"
 
 

@@ -9,7 +9,7 @@ import torch
 from benchmark import report_gpu
 from lunes import lune_cup, sphere_points
 
-from brafit.fit import Target
+from brafit.fitting import Target
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="a CUDA device is there")

@@ -16,9 +16,9 @@ from omegaconf import DictConfig
 from brafit.config import check, explain, register, sources
 from brafit.cup import FramesCup, StripsCup
 from brafit.errors import ConfigError
-from brafit.fit import Conditions
-from brafit.fit.anneal import OPTIMISERS
-from brafit.fit.loss import point_loss
+from brafit.fitting import Conditions
+from brafit.fitting.anneal import OPTIMISERS
+from brafit.fitting.loss import point_loss
 from brafit.geometry.ritz import BASES
 from brafit.pattern import PatternOptions
 from brafit.scan import load_scan
@@ -60,7 +60,7 @@ def test_defaults_pass_their_own_checks() -> None:
         ("cup.panels=3", "cup.panels", 3),
         ("cup.terms=8", "cup.terms", 8),
         ("cup=frames", "cup._target_", "brafit.cup.FramesCup"),
-        ("solver=anneal", "solver._target_", "brafit.fit.Anneal"),
+        ("solver=anneal", "solver._target_", "brafit.fitting.Anneal"),
         ("solver.stages.0.steps=7", "solver.stages.0.steps", 7),
         ("condition.points=l1", "condition.points", "l1"),
         ("scan.points=500", "scan.points", 500),

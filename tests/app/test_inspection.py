@@ -61,7 +61,7 @@ def test_status_and_reasons(tmp_path, capsys):
     assert inspect(tmp_path / "broken.ply", "--out", tmp_path / "out") == 2
     (tmp_path / "empty").mkdir()
     assert inspect(tmp_path / "empty", "--out", tmp_path / "out") == 2
-    assert "the folder holds no scan" in capsys.readouterr().err
+    assert "the folder holds no cloud" in capsys.readouterr().err
 
 
 def test_a_breast_without_marks_cannot_be_proposed(tmp_path, capsys):

@@ -94,8 +94,6 @@ def test_files_cut_off(tmp_path, capfd):
     path = tmp_path / "a.pts"
     path.write_text("\n".join(["200", *rows]))
     assert "(its first line promises 200 points, 150 follow)" in message(path, capfd)
-    path.write_text("\n".join(rows))
-    assert message(path, capfd).startswith("cannot be read as a cloud, it is damaged or cut off (")
     path = tmp_path / "a.xyz"
     path.write_text("\n".join([*rows, "1.5 2"]))
     assert message(path, capfd).startswith("cannot be read as a cloud, it is damaged or cut off (")
@@ -117,6 +115,13 @@ def test_pcd_files_whole_and_damaged(tmp_path, capfd):
     damaged = "cannot be read as a cloud, it is damaged or cut off ("
     write_pcd(path, points, "ascii", promised=200)
     assert message(path, capfd) == (f"{damaged}its header promises 200 lines of 3 numbers, 150 lines follow). {COPY}")
+    whole = write_pcd(path, points, "ascii").read_bytes()
+    path.write_bytes(whole.replace(b" ", b"", 20))
+    assert "(its header " in message(path, capfd)
+    path.write_bytes(b" ".join(whole.rsplit(b"\n", 1)) + b"\n1 2 3")
+    assert message(path, capfd).startswith(
+        f"{damaged}its header promises 150 lines of 3 numbers, but its lines are not"
+    )
     write_pcd(path, points, promised=200)
     assert message(path, capfd) == f"{damaged}its header promises 2400 bytes, 1800 follow). {COPY}"
     whole = write_pcd(path, points).read_bytes()

@@ -8,7 +8,7 @@ import torch
 from cups import half_circle
 
 from brafit.cup import Cup, StripsCup, Wire
-from brafit.fit.measure import flat_panels
+from brafit.fitting.measure import flat_panels
 from brafit.geometry.developable import regularity, twist_angle
 from brafit.geometry.development import arc_lengths
 from brafit.geometry.grid import sliding_derivative

@@ -15,8 +15,8 @@ import torch
 from check_patterns import MissingReaderError, chromium, shown_title, with_title
 from lunes import RADIUS, lune_cup, lune_flat, sphere_points
 
-from brafit.fit import CupFit, ResultCode, Target
-from brafit.fit.measure import point_distances
+from brafit.fitting import CupFit, ResultCode, Target
+from brafit.fitting.measure import point_distances
 from brafit.landmarks import CupFrame
 from brafit.pattern import PatternOptions, Side
 from brafit.report.index import write_index

@@ -81,7 +81,7 @@ def test_fit_json_is_strict_and_complete(tmp_path):
 def test_names_that_are_no_text_do_not_stop_a_run(tmp_path):
     write_summary(tmp_path / "s.csv", [row("bad\udcff")])
     write_fit_json(tmp_path / "fit.json", row("bad\udcff"))
-    assert json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))["scan"] == "bad?"
+    assert json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))["scan"] == "bad\ufffd"
 
 
 def test_keys_that_are_no_columns_are_refused(tmp_path):

@@ -29,6 +29,22 @@ def test_both_sides_share_one_file(folder: Path) -> None:
     assert [ref.positions for ref in refs[:2]] == [(0, 1), (2, 3)]
 
 
+def test_a_side_is_not_called_like_another_scan(folder: Path) -> None:
+    (folder / "list.csv").write_text("cloud,side\ns0.ply,both\ns0_left.ply,left\n")
+    refs, _ = dataset([], manifest=str(folder / "list.csv"))
+    assert [ref.names for ref in refs] == [("s0_left", "s0_right"), ("s0_left_2",)]
+
+
+def test_with_proposals_clouds_without_landmarks_are_taken(folder: Path) -> None:
+    (folder / "s3.json").unlink()
+    refs, notes = dataset([folder])
+    assert "s3" not in {name for ref in refs for name in ref.names}
+    assert "1 cloud without landmark file" in notes[0]
+    refs, notes = dataset([folder], propose=True)
+    assert [ref.names for ref in refs] == [(f"s{k}",) for k in range(7)]
+    assert notes == []
+
+
 @pytest.mark.parametrize("count", [1, 3, 7, 16])
 def test_shards_part_a_dataset_with_names_and_places_unchanged(folder: Path, count: int) -> None:
     (folder / "other").mkdir()

@@ -12,8 +12,8 @@ from lunes import RADIUS, sphere_points
 import brafit
 from brafit.config import choices_of, from_settings
 from brafit.errors import InputError
-from brafit.fit import CupFit, ResultCode
-from brafit.fit.measure import point_distances
+from brafit.fitting import CupFit, ResultCode
+from brafit.fitting.measure import point_distances
 from brafit.report.row import fitted_row
 from brafit.run.fitting import fitted, target_of
 from brafit.run.likeness import BOUNDS, judged, measures

@@ -22,7 +22,7 @@ from brafit.pattern import PatternOptions
 from brafit.report.table import SUMMARY_KEYS
 from brafit.run import Done, Job, run
 from brafit.run.collect import collect
-from brafit.run.sinks import ErrorLog, Index, Nest, Sink, Table
+from brafit.run.sinks import Board, ErrorLog, Index, Nest, Progress, Sink, Table
 from brafit.samples import sample_paths
 
 
@@ -230,3 +230,28 @@ def test_nest_and_index_are_there_after_a_run_that_kept_scans(job: Job) -> None:
 )
 def test_exit_status(rows: list[tuple[str, int | None]], status: int) -> None:
     assert exit_status([{"status": state, "iterations": count} for state, count in rows]) == status
+
+
+def test_names_that_are_no_text_or_a_runs_own_are_written_everywhere(tmp_path: Path) -> None:
+    """Bytes that are no UTF-8 in the names of folder and scan, and scans that are called like files of the run."""
+    folder, out = tmp_path / "B\udcfcste", tmp_path / "out\udcff"
+    folder.mkdir()
+    for name in ("B\udcfcste", "Tensorboard"):
+        for suffix in (".ply", ".json"):
+            shutil.copy(sample().with_suffix(suffix), folder / f"{name}{suffix}")
+    (folder / "bad\udce4.ply").write_text("ply\n")
+    (folder / "bad\udce4.json").write_text("{}")
+    sinks = [Table(), Index(), Board(), Nest(), ErrorLog(), Progress()]
+    said: list[str] = []
+    job = Job(out, partial(faulty.plain, PatternOptions(meshes=(), nest=True)), scans=[folder], sinks=sinks)
+    rows = run(job, say=said.append)
+    assert [row["status"] for row in rows] == ["ok", "ok", "failed"]
+    assert [row["scan"] for row in rows] == ["B\ufffdste", "scan_Tensorboard", "bad\ufffd"]
+    assert rows[2]["reason"].startswith(f"{tmp_path}/B\ufffdste/bad\ufffd.ply: ")
+    assert [row["scan"] for row in table(out)] == [row["scan"] for row in rows]
+    assert all((out / row["scan"] / "report.html").is_file() for row in rows if row["status"] == "ok")
+    names = ("index.html", "summary.parquet", "patterns.svg", "patterns.dxf", "patterns.pdf")
+    assert all((out / name).is_file() for name in names)
+    assert any((out / "tensorboard" / "scans").iterdir())
+    "\n".join(said).encode()
+    assert len(collect([out])) == 3

@@ -199,6 +199,32 @@ def test_units_are_found_and_said(tmp_path, factor, unit):
     assert (said.units.found, said.notes) == ("", ())
 
 
+def test_a_unit_in_a_header_is_taken(tmp_path):
+    """It serves where nothing else says it, and must not contradict the landmark file or how the marks lie."""
+    expected = load_scan(write_breast(tmp_path, "mm"), points=300)
+    silent = {key: value for key, value in cup_frame_landmarks().items() if key != "units"}
+
+    def written(unit, factor, marks):
+        rows = "\n".join(",".join(f"{value:.17g}" for value in point) for point in cup_frame_points() / factor)
+        path = tmp_path / "a.csv"
+        path.write_text(f"x [{unit}],y [{unit}],z [{unit}]\n{rows}")
+        write_landmarks(tmp_path / "a.json", marks)
+        return path
+
+    scan = load_scan(written("cm", 10, silent), points=300)
+    assert (scan.units.cloud, scan.units.marks) == ("cm", "mm")
+    np.testing.assert_allclose(scan.points, expected.points, atol=1e-6)
+    path = written("cm", 10, cup_frame_landmarks())
+    assert message(path, path).startswith(
+        "its header says units 'cm', its landmark file a.json says units 'mm'. Export"
+    )
+    path = written("m", 1, silent)
+    assert message(path, path).startswith(
+        "its header says units 'm', but the landmarks of a.json lie on it as if in millimetres. "
+    )
+    assert load_scan(path, points=300, units="mm").units.cloud == "mm", "a setting is the last word"
+
+
 def test_a_unit_in_doubt_is_asked_for(tmp_path):
     # 13 cm would be a small wire, 13 inches a large one.
     scale = 13 / (np.pi * RADIUS)

@@ -1,4 +1,4 @@
-"""The Python face: `brafit.fit` on arrays."""
+"""`brafit.fit` on scans, files and arrays."""
 
 from __future__ import annotations
 
@@ -190,9 +190,10 @@ def same(one: Any, other: Any) -> bool:
         return one == other
 
 
-def test_the_package_of_the_same_name_stays_a_package() -> None:
+def test_the_library_is_a_package_whose_fit_is_a_function() -> None:
     program = (
-        "import brafit, sys; assert 'torch' not in sys.modules; from brafit.fit import fit_targets; "
-        "import brafit.fit.loop; assert callable(brafit.fit) and brafit.fit.fit_targets is fit_targets"
+        "import brafit, inspect, sys; assert 'torch' not in sys.modules; "
+        "assert inspect.isfunction(brafit.fit) and 'torch' not in sys.modules; "
+        "import brafit.fitting.loop; from brafit import fit; assert fit is brafit.fit and inspect.isfunction(fit)"
     )
     subprocess.run([sys.executable, "-c", program], check=True)

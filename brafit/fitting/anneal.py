@@ -10,11 +10,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from brafit.cup.base import derivatives
-from brafit.fit import adam, lbfgs
-from brafit.fit.normal import normal_equations
-from brafit.fit.objective import Evaluation, Objective, Pressure
-from brafit.fit.result import ResultCode
-from brafit.fit.solver import Callback, Solution, Step
+from brafit.fitting import adam, lbfgs
+from brafit.fitting.normal import normal_equations
+from brafit.fitting.objective import Evaluation, Objective, Pressure
+from brafit.fitting.result import ResultCode
+from brafit.fitting.solver import Callback, Solution, Step
 
 OPTIMISERS = ("adam", "lbfgs")
 LOOKS = 3

@@ -9,9 +9,9 @@ import torch
 from cups import cloud, lune_frames, near
 
 from brafit.cup import CupShape
-from brafit.fit import Conditions, Target
-from brafit.fit.objective import Objective, Pressure
-from brafit.fit.targets import Targets
+from brafit.fitting import Conditions, Target
+from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.targets import Targets
 from brafit.simulation.synthetic import on_panels
 
 SCALE = 80.0

@@ -32,9 +32,9 @@ from brafit.cup.base import Cup
 from brafit.cup.condition import station_weights
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
-from brafit.fit.measure import flat_panels, in_millimetres
-from brafit.fit.normal import PointRows, Points, assembled, slices
-from brafit.fit.objective import Objective, Pressure
+from brafit.fitting.measure import flat_panels, in_millimetres
+from brafit.fitting.normal import PointRows, Points, assembled, slices
+from brafit.fitting.objective import Objective, Pressure
 from brafit.geometry.developable import dot
 from brafit.geometry.development import FlatPanel
 

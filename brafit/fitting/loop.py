@@ -17,8 +17,8 @@ from torch.nn.utils.rnn import pad_sequence
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
-from brafit.fit.certainty import Alternative, Alternatives, deviations, outline_spread
-from brafit.fit.measure import (
+from brafit.fitting.certainty import Alternative, Alternatives, deviations, outline_spread
+from brafit.fitting.measure import (
     Bend,
     figures_of,
     flat_panels,
@@ -28,13 +28,13 @@ from brafit.fit.measure import (
     upper_edge_gap,
     wire_places,
 )
-from brafit.fit.neckline import Neckline
-from brafit.fit.objective import Conditions, Objective, Pressure
-from brafit.fit.result import ResultCode
-from brafit.fit.shards import in_shards
-from brafit.fit.solver import Callback, Solution, Solver
-from brafit.fit.start import middles, start_curves
-from brafit.fit.targets import Target, Targets
+from brafit.fitting.neckline import Neckline
+from brafit.fitting.objective import Conditions, Objective, Pressure
+from brafit.fitting.result import ResultCode
+from brafit.fitting.shards import in_shards
+from brafit.fitting.solver import Callback, Solution, Solver
+from brafit.fitting.start import middles, start_curves
+from brafit.fitting.targets import Target, Targets
 from brafit.geometry.development import FlatPanel
 
 TWIST_LIMIT = 0.01
@@ -70,7 +70,7 @@ class CupFit:
         iterations: evaluations of the objective by the start that won.
         seconds: this scan's share of the batch's time.
         warnings: what is uncertain about the fit, in plain words.
-        alternatives: cups a standard deviation away, see `brafit.fit.certainty`; none where that is not known.
+        alternatives: cups a standard deviation away, see `brafit.fitting.certainty`; none where that is not known.
     """
 
     name: str

@@ -13,9 +13,9 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 from torch import Tensor
 
-from brafit.fit.objective import Objective, Pressure
-from brafit.fit.result import ResultCode
-from brafit.fit.solver import Callback, Solution, Step
+from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.result import ResultCode
+from brafit.fitting.solver import Callback, Solution, Step
 
 
 class NelderMead:

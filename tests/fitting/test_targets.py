@@ -7,9 +7,9 @@ import pytest
 import torch
 from lunes import lune_cup, sphere_points
 
-from brafit.fit import Target
-from brafit.fit.start import middles, start_curves
-from brafit.fit.targets import PADDED, Targets
+from brafit.fitting import Target
+from brafit.fitting.start import middles, start_curves
+from brafit.fitting.targets import PADDED, Targets
 from brafit.geometry.polyline import evenly_spaced
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from brafit.errors import InputError
 
 if TYPE_CHECKING:
-    from brafit.fit.solver import Callback
+    from brafit.fitting.solver import Callback
     from brafit.landmarks import Landmarks
     from brafit.result import Result
     from brafit.scan import Scan

@@ -12,10 +12,10 @@ from cups import half_circle, lune_frames
 from lunes import lune_cup
 
 from brafit.cup import FramesCup, Wire
-from brafit.fit import Anneal, Conditions, ResultCode, Stage, Step, Target, fit_targets
-from brafit.fit.anneal import whitening
-from brafit.fit.objective import Objective
-from brafit.fit.targets import Targets
+from brafit.fitting import Anneal, Conditions, ResultCode, Stage, Step, Target, fit_targets
+from brafit.fitting.anneal import whitening
+from brafit.fitting.objective import Objective
+from brafit.fitting.targets import Targets
 from brafit.simulation.synthetic import on_panels
 
 CONDITIONS = Conditions(connection=0.0, barrier=0.1, fairness=0.0)

@@ -10,8 +10,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from brafit.fit.objective import Objective, Pressure
-from brafit.fit.result import ResultCode
+from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.result import ResultCode
 
 
 @dataclass(frozen=True)

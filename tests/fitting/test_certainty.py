@@ -10,11 +10,11 @@ import torch
 from lunes import lune_cup, lune_flat
 
 from brafit.cup import StripsCup, Wire
-from brafit.fit import LM, Conditions, LMStage, ResultCode, Target
-from brafit.fit.certainty import Alternative, Alternatives, deviations, outline_deviation, outline_spread
-from brafit.fit.measure import flat_panels
-from brafit.fit.objective import Objective, Pressure
-from brafit.fit.targets import Targets
+from brafit.fitting import LM, Conditions, LMStage, ResultCode, Target
+from brafit.fitting.certainty import Alternative, Alternatives, deviations, outline_deviation, outline_spread
+from brafit.fitting.measure import flat_panels
+from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.targets import Targets
 from brafit.geometry.development import FlatPanel, arc_lengths
 from brafit.simulation.synthetic import on_panels
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from brafit.fit.neckline import STRAP_REACH, smooth_neckline
+from brafit.fitting.neckline import STRAP_REACH, smooth_neckline
 from brafit.geometry.polyline import distances, evenly_spaced
 
 JITTER = 0.4

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import torch
 
-from brafit.fit.solver import Callback, Step
+from brafit.fitting.solver import Callback, Step
 from brafit.processes import Lost, Pool, Raised, Returned, Told
 
 LEAST = 4
@@ -73,7 +73,7 @@ def _shared(
     results: list[list[Result] | None] = [None] * len(shards)
     try:
         for k, job in enumerate(jobs):
-            pool.submit(k, "brafit.fit.shards:do", job, patience=PATIENCE)
+            pool.submit(k, "brafit.fitting.shards:do", job, patience=PATIENCE)
         while pool.free < pool.count:
             for k, event in pool.events():
                 assert isinstance(k, int)
@@ -104,7 +104,7 @@ def _pool(count: int) -> Pool:
     if _POOL is None or _POOL.count != count or _POOL.closed:
         if _POOL is not None:
             _POOL.close()
-        _POOL = Pool(count, ["brafit.fit"])
+        _POOL = Pool(count, ["brafit.fitting"])
     return _POOL
 
 

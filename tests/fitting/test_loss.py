@@ -6,7 +6,7 @@ from functools import partial
 import pytest
 import torch
 
-from brafit.fit.loss import cauchy, fuzzy, point_loss, smooth_absolute, square
+from brafit.fitting.loss import cauchy, fuzzy, point_loss, smooth_absolute, square
 
 LOSSES = {
     "square": square,

@@ -4,8 +4,8 @@ import pytest
 import torch
 from scipy.optimize import rosen, rosen_der
 
-from brafit.fit import adam
-from brafit.fit.lbfgs import minimise
+from brafit.fitting import adam
+from brafit.fitting.lbfgs import minimise
 
 
 def rosenbrock(x: torch.Tensor) -> torch.Tensor:

@@ -8,11 +8,11 @@ import torch
 from cups import half_circle, lune_frames, near
 
 from brafit.cup import Cup, StripsCup, Wire
-from brafit.fit import LM, Conditions, LMStage, ResultCode, Target, normal
-from brafit.fit.measure import flat_panels, upper_edge_gap
-from brafit.fit.normal import PointRows, normal_equations
-from brafit.fit.objective import Objective, Pressure
-from brafit.fit.targets import Targets
+from brafit.fitting import LM, Conditions, LMStage, ResultCode, Target, normal
+from brafit.fitting.measure import flat_panels, upper_edge_gap
+from brafit.fitting.normal import PointRows, normal_equations
+from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.targets import Targets
 from brafit.simulation.synthetic import on_panels, quarter_sphere
 
 STAGES = [

@@ -14,11 +14,11 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from brafit.fit.anneal import LOOKS, close
-from brafit.fit.normal import Normal, normal_equations
-from brafit.fit.objective import Objective, Pressure
-from brafit.fit.result import ResultCode
-from brafit.fit.solver import Callback, Solution, Step
+from brafit.fitting.anneal import LOOKS, close
+from brafit.fitting.normal import Normal, normal_equations
+from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.result import ResultCode
+from brafit.fitting.solver import Callback, Solution, Step
 from brafit.geometry.products import dots, solved_each
 
 _SHORTEST = 1e-2

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from brafit.cup.base import Linearised
-from brafit.fit.objective import Block, Objective, Pressure
+from brafit.fitting.objective import Block, Objective, Pressure
 from brafit.geometry.nearest import Feet, Sums, project
 from brafit.geometry.products import aligned, total, weighted_rows
 

@@ -18,8 +18,8 @@ from torch import Tensor
 from brafit.cup.base import Cup
 from brafit.cup.condition import Gaps, gaps_to_line, gaps_to_points, gaps_to_sheet, shortfall, station_weights
 from brafit.cup.shape import CupShape
-from brafit.fit.loss import Loss, beyond, fuzzy, point_loss, square
-from brafit.fit.targets import Targets
+from brafit.fitting.loss import Loss, beyond, fuzzy, point_loss, square
+from brafit.fitting.targets import Targets
 from brafit.geometry.developable import dot
 from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
 from brafit.geometry.products import total

@@ -8,7 +8,7 @@ import pytest
 from lunes import lune_cup, sphere_points
 
 from brafit.cup import StripsCup
-from brafit.fit import LM, Conditions, CupFit, LMStage, Target, fit_targets
+from brafit.fitting import LM, Conditions, CupFit, LMStage, Target, fit_targets
 
 CUP = partial(StripsCup, panels=2, terms=4, stations=21, nodes=24, output_nodes=24)
 SOLVER = LM([LMStage(steps=4, terms=3, points=0), LMStage(steps=6)])

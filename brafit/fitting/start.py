@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from brafit.fit.targets import Target
+from brafit.fitting.targets import Target
 from brafit.geometry.polyline import evenly_spaced
 
 SAMPLES = 41

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from surfaces import LENSES, stations
 
 from brafit.cup import CupShape
-from brafit.fit.measure import figures_of, flat_panels, point_distances, wire_places
+from brafit.fitting.measure import figures_of, flat_panels, point_distances, wire_places
 from brafit.geometry.developable import geodesic_curvature, normals, rulings
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 from torch import Tensor
 
-from brafit.fit.neckline import Neckline, smooth_neckline
+from brafit.fitting.neckline import Neckline, smooth_neckline
 from brafit.geometry.developable import dot
 from brafit.geometry.order import along_curve
 

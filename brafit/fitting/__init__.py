@@ -1,0 +1,26 @@
+"""Fitting cups to scans: objective, solvers, results. Knows neither configuration files nor logs."""
+
+from brafit.fitting.anneal import Anneal, Stage
+from brafit.fitting.lm import LM, LMStage
+from brafit.fitting.loop import CupFit, fit_targets
+from brafit.fitting.nelder_mead import NelderMead
+from brafit.fitting.objective import Conditions
+from brafit.fitting.result import ResultCode
+from brafit.fitting.solver import Solution, Solver, Step
+from brafit.fitting.targets import Target
+
+__all__ = [
+    "LM",
+    "Anneal",
+    "Conditions",
+    "CupFit",
+    "LMStage",
+    "NelderMead",
+    "ResultCode",
+    "Solution",
+    "Solver",
+    "Stage",
+    "Step",
+    "Target",
+    "fit_targets",
+]
