@@ -1,15 +1,7 @@
-"""Open3D, imported on first use, with its messages caught instead of printed."""
+"""Open3D, imported on first use."""
 
 from __future__ import annotations
 
-import io
-import os
-import re
-import sys
-import tempfile
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
 from types import ModuleType
 
 from brafit.errors import BrafitError
@@ -23,8 +15,6 @@ LIBRARIES = {
     "libgomp.so": "libgomp1",
 }
 """Shared libraries that Open3D's wheel expects from the system, and the Debian packages that hold them."""
-
-_lock = threading.Lock()
 
 
 class Open3DError(BrafitError):
@@ -51,49 +41,3 @@ def _missing_library(reason: str) -> str:
     what = f"Open3D cannot be loaded: {' '.join(reason.split())}"
     hint = f" (Debian package {named})" if named else ""
     return f"{what}{hint}. Run: apt-get install -y {' '.join(LIBRARIES.values())}"
-
-
-class Messages:
-    """What a library said while it was watched; `text` is complete once the block has ended."""
-
-    def __init__(self) -> None:
-        self.text = ""
-
-    def lines(self) -> list[str]:
-        """The messages, one a line, without colours and the sender's name."""
-        plain = re.sub(r"\x1b\[[0-9;]*m", "", self.text)
-        plain = re.sub(r"^(\[Open3D \w+\]|RPly:) *", "", plain, flags=re.MULTILINE)
-        printable = ("".join(c if c.isprintable() else "?" for c in line).strip() for line in plain.splitlines())
-        return [line for line in printable if line]
-
-
-@contextmanager
-def listening() -> Iterator[Messages]:
-    """Catch what Open3D logs (through `sys.stdout`) and what its C libraries print (on file descriptor 2).
-
-    One block at a time: both are shared by the whole process.
-    """
-    messages = Messages()
-    log = io.StringIO()
-    with _lock, tempfile.TemporaryFile() as printed:
-        with redirect_stdout(log), _stderr_into(printed.fileno()):
-            yield messages
-        printed.seek(0)
-        messages.text = printed.read().decode(errors="replace") + log.getvalue()
-
-
-@contextmanager
-def _stderr_into(descriptor: int) -> Iterator[None]:
-    if sys.stderr is not None:
-        sys.stderr.flush()
-    try:
-        saved = os.dup(2)
-    except OSError:  # a process without a standard error: nothing to keep
-        yield
-        return
-    try:
-        os.dup2(descriptor, 2)
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)

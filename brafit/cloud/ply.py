@@ -1,59 +1,22 @@
-"""PLY: the header is checked here; vertices are read by Open3D, in the readers' own process (`brafit.cloud.worker`).
-
-What Open3D does not notice is noticed before: rows that do not fit the header, counts that the file cannot hold.
-"""
+"""PLY, ASCII and binary: the header says which elements follow and what each row of them is made of."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import codecs
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from brafit.cloud.open3d_runtime import listening, open3d
+from brafit.cloud.ply_rows import TYPES, Bytes, Element, Numbers, Property, Table, read_tables
+from brafit.cloud.polygons import Mesh, filled
 
-SIZES = {
-    **dict.fromkeys(("char", "uchar", "int8", "uint8"), 1),
-    **dict.fromkeys(("short", "ushort", "int16", "uint16"), 2),
-    **dict.fromkeys(("int", "uint", "int32", "uint32", "float", "float32"), 4),
-    **dict.fromkeys(("double", "float64"), 8),
-}
-"""Bytes of PLY's types."""
+FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+"""PLY's formats, and the order of bytes in each."""
+COLUMNS = {"normals": ("nx", "ny", "nz"), "inside": ("inside",)}
+"""What is taken of the vertices beside their positions, and the properties that hold it."""
+CORNERS = ("vertex_indices", "vertex_index")
 HEADER_BYTES = 100_000
-_FAILURES = ("fail", "error", "unable", "unexpected")
-
-
-@dataclass(frozen=True)
-class Element:
-    """One element of a header: its name, count, property names, and bytes a row (None: it holds lists)."""
-
-    name: str
-    count: int
-    properties: tuple[str, ...]
-    row: int | None
-
-
-def ply_elements(path: Path) -> list[Element]:
-    """The elements that the header promises, after checking that the file can hold them.
-
-    Raises:
-        ValueError: with a short reason, if the header is damaged or the file's size does not fit it.
-        OSError: the file cannot be read.
-    """
-    with path.open("rb") as file:
-        head = file.read(HEADER_BYTES)
-    size = path.stat().st_size
-    lines, start = _lines(head)
-    if not lines or lines[0] != ["ply"]:
-        raise ValueError("its first line is not 'ply'")
-    form = next((line for line in lines if line[0] == "format"), [])
-    if len(form) < 2 or form[1] not in ("ascii", "binary_little_endian", "binary_big_endian"):
-        raise ValueError("its header names no known format")
-    elements = _elements(lines)
-    _check_size(elements, form[1], size - start)
-    return elements
 
 
 def cloud_ply(
@@ -71,84 +34,103 @@ def cloud_ply(
     return f"ply\nformat binary_little_endian 1.0\n{header}".encode() + table.tobytes()
 
 
-def read_vertices(path: Path) -> dict[str, np.ndarray]:
-    """The columns of the vertices; ValueError with a short reason if the file is damaged.
+def read_ply(path: Path) -> Mesh:
+    """Vertices of a PLY, with normals and the flag `inside` where it has them; triangles of its faces and strips.
 
-    A damaged PLY makes Open3D say something and return a cloud that is empty, or of the promised size with arbitrary
-    numbers in it; so anything said about a failure counts as one.
+    The elements may come in any order, have any other properties, and lists of any lengths.
+
+    Raises:
+        ValueError: with a short reason, if the header is damaged or what follows is not what it promises.
+        OSError: the file cannot be read.
     """
-    o3d = open3d()
-    columns: dict[str, np.ndarray] = {}
-    with listening() as messages:
-        try:
-            table: Any = o3d.t.io.read_point_cloud(str(path)).point
-            columns = {name: table[name].numpy().copy() for name in table}
-            trouble = ""
-        except (RuntimeError, KeyError, UnicodeDecodeError) as error:
-            trouble = str(error)
-    said = [line for line in messages.lines() if any(word in line.lower() for word in _FAILURES)]
-    if said:
-        raise ValueError(said[0].rstrip(".").replace(f": {path}", ""))
-    if "positions" in trouble:
-        raise ValueError("it has no positions x, y, z")
-    if trouble:
-        raise ValueError("Open3D refuses it")
-    return columns
+    data = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    lines, start, before = _lines(data[:HEADER_BYTES])
+    order, elements = _header(lines)
+    body = Bytes(data[start:], order) if order else Numbers(data[start:], before)
+    tables = read_tables(elements, body)
+    vertex = tables["vertex"]
+    vertices = np.stack([vertex.scalars(axis) for axis in "xyz"], axis=1, dtype=np.float64)
+    columns = {
+        column: np.stack([vertex.scalars(part) for part in parts], axis=1, dtype=np.float64)
+        for column, parts in COLUMNS.items()
+        if set(parts) <= set(vertex.element.names(listed=False))
+    }
+    triangles = [_triangles(tables[name], vertices) for name in ("face", "tristrips") if name in tables]
+    return Mesh(vertices, np.concatenate([np.empty((0, 3), dtype=np.int64), *triangles]), columns)
 
 
-def _lines(head: bytes) -> tuple[list[list[str]], int]:
-    """The header's lines as words, without comments, and where the data start."""
+def _lines(head: bytes) -> tuple[list[list[str]], int, int]:
+    """The header's lines as words, without comments; where the data start; and how many lines come before."""
     lines, start = [], 0
-    for line in head.splitlines(keepends=True):
-        start += len(line)
-        words = line.decode(errors="replace").split()
+    rows = head.splitlines(keepends=True)
+    # Where lines end with CR alone, an LF after the last one is data.
+    alone = rows[0].endswith(b"\r") if rows else False
+    for number, row in enumerate(rows, start=1):
+        start += len(row)
+        words = row.decode(errors="replace").split()
         if words == ["end_header"]:
-            return lines, start
+            return lines, start - (alone and row.endswith(b"\r\n")), number
         if words and words[0] not in ("comment", "obj_info"):
             lines.append(words)
         if lines and lines[0] != ["ply"]:
-            break
-    if lines and lines[0] == ["ply"]:
-        raise ValueError("its header has no end")
-    return lines, start
+            raise ValueError("its first line is not 'ply'")
+    raise ValueError("its header has no end")
 
 
-def _elements(lines: list[list[str]]) -> list[Element]:
+def _header(lines: list[list[str]]) -> tuple[str, list[Element]]:
+    """The order of bytes (none in ASCII) and the elements that the header names."""
+    form = next((line for line in lines if line[0] == "format"), [])
+    if len(form) < 2 or form[1] not in FORMATS:
+        raise ValueError("its header names no known format")
     elements: list[Element] = []
     for words in lines[1:]:
         if words[0] == "element":
             if len(words) != 3 or not (words[2].isascii() and words[2].isdigit() and len(words[2]) < 13):
                 raise ValueError("its header has an element without a number")
-            elements.append(Element(words[1], int(words[2]), (), 0))
+            elements.append(Element(words[1], int(words[2])))
         elif words[0] == "property":
             if not elements or len(words) < 3:
                 raise ValueError("its header has a property of nothing")
-            last = elements.pop()
-            listed = words[1] == "list"
-            kinds = words[2:4] if listed else words[1:2]
-            if any(kind not in SIZES for kind in kinds) or len(words) != (5 if listed else 3):
-                raise ValueError(f"its header has a property of unknown type: {' '.join(words)[:60]}")
-            row = None if listed or last.row is None else last.row + SIZES[words[1]]
-            elements.append(Element(last.name, last.count, (*last.properties, words[-1]), row))
+            elements[-1].properties.append(_property(words))
         elif words[0] != "format":
             raise ValueError(f"its header has a line that is none: {' '.join(words)[:60]}")
-    vertex = next((element for element in elements if element.name == "vertex"), None)
-    if vertex is None or not {"x", "y", "z"} <= set(vertex.properties):
+    names = [element.name for element in elements]
+    if len(set(names)) < len(names):
+        raise ValueError("its header names an element twice")
+    vertex = next((element for element in elements if element.name == "vertex"), Element("vertex", 0))
+    parts = vertex.names(listed=False)
+    if not {"x", "y", "z"} <= set(parts):
         raise ValueError("it has no positions x, y, z")
-    if len(set(vertex.properties)) < len(vertex.properties):
+    if len(set(parts)) < len(parts):
         raise ValueError("its header names a property twice")
-    return elements
+    return FORMATS[form[1]], elements
 
 
-def _check_size(elements: list[Element], form: str, body: int) -> None:
-    if form == "ascii":
-        least = sum(element.count * max(2 * len(element.properties), 1) for element in elements) - 2
-    else:
-        least = sum(
-            element.count * (len(element.properties) if element.row is None else element.row) for element in elements
-        )
-    if body < least:
-        raise ValueError(f"its header promises {least} bytes or more, {body} follow")
-    fixed = form != "ascii" and all(element.row is not None for element in elements)
-    if fixed and body > least + 2:
-        raise ValueError(f"its header promises {least} bytes, {body} follow: its rows are not as the header says")
+def _property(words: list[str]) -> Property:
+    listed = words[1] == "list"
+    kinds = words[2:4] if listed else words[1:2]
+    known = all(kind in TYPES for kind in kinds) and len(words) == (5 if listed else 3)
+    if not known or (listed and TYPES[kinds[0]][0] == "f"):
+        raise ValueError(f"its header has a property of unknown type: {' '.join(words)[:60]}")
+    return Property(words[-1], TYPES[kinds[-1]], TYPES[kinds[0]] if listed else None)
+
+
+def _triangles(table: Table, vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, "f 3"]:
+    """Triangles of the faces, or of the strips, that a table lists."""
+    element = table.element
+    name = next((name for name in CORNERS if name in element.names(listed=True)), None)
+    if not element.count:
+        return np.empty((0, 3), dtype=np.int64)
+    if name is None:
+        raise ValueError(f"its {element.name} elements have no list {' or '.join(CORNERS)}")
+    values, sizes = table.lists(name)
+    corners = values.astype(np.int64)
+    if (corners != values).any():
+        raise ValueError(f"a vertex that its {element.name} elements name is no whole number")
+    if element.name == "face":
+        return filled(vertices, corners, sizes)
+    # -1 ends a strip, as does a row's end.
+    strip = np.insert(corners, np.cumsum(sizes), -1)
+    three = np.lib.stride_tricks.sliding_window_view(strip, 3)
+    three = three[(three != -1).all(axis=1)]
+    return filled(vertices, three.ravel(), np.full(len(three), 3))

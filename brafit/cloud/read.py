@@ -1,7 +1,6 @@
-"""Reading scans: point clouds (PLY, PCD, text, NumPy) and meshes (OBJ, STL, OFF, GLB, PLY with faces).
+"""Reading scans: point clouds (PLY, PCD, text, NumPy) and meshes (OBJ, STL, OFF, glTF, PLY with faces).
 
-PLY is read by Open3D, meshes by trimesh, the rest by NumPy: all in a process of its own, with a time limit, unless the
-caller's process is one that may crash.
+All are read in a process of its own, with a time limit, unless the caller's process is one that may crash.
 """
 
 from __future__ import annotations
@@ -14,22 +13,18 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from brafit.cloud.mesh import MESH_FORMATS
-from brafit.cloud.ply import ply_elements
+from brafit.cloud.mesh import ABSURD, FLAG, MESH_FORMATS
 from brafit.cloud.refusal import RefusedError
 from brafit.cloud.text import TEXT_FORMATS
 from brafit.cloud.worker import ReaderError, read_apart, read_here
 from brafit.errors import InputError
 
 MIN_POINTS = 100
-FLAG = "inside"
-FORMATS = frozenset({".ply", ".pcd", ".npy", ".npz", *MESH_FORMATS, *TEXT_FORMATS})
+FORMATS = frozenset({".pcd", ".npy", ".npz", *MESH_FORMATS, *TEXT_FORMATS})
 """Extensions of the scans that are read, in lower case."""
 SURE_FORMATS = FORMATS - {".txt", ".csv", ".asc", ".npy", ".npz"}
 """Those of them that hold hardly anything but scans; a file of the others may be anything."""
 
-ABSURD = 1e9
-"""A coordinate beyond this is no measurement in any unit: it counts as not finite."""
 READ_SECONDS = 120.0
 MESH_POINTS = 200_000
 
@@ -83,7 +78,6 @@ def read_cloud(
     Raises:
         InputError: no such file, a format that is not read, a damaged file, fewer than `MIN_POINTS` points, most
             coordinates not finite.
-        Open3DError: Open3D cannot be imported.
     """
     path = Path(path)
     _check_file(path)
@@ -150,10 +144,6 @@ def _columns(path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points
     own = {**dict.fromkeys(TEXT_FORMATS, "text"), ".pcd": "pcd", ".npy": "arrays", ".npz": "arrays"}
     if kind in own:
         return read(own[kind], path)
-    if kind == ".ply":
-        elements = {element.name: element for element in ply_elements(path)}
-        if "face" not in elements or not elements["face"].count or FLAG in elements["vertex"].properties:
-            return read("ply", path)
     return read("mesh", path, count=mesh_points)
 
 

@@ -23,7 +23,6 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from brafit.cloud.open3d_runtime import Open3DError
 from brafit.cloud.refusal import RefusedError
 from brafit.errors import BrafitError
 from brafit.naming import plain_path
@@ -82,7 +81,7 @@ def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
         raise OSError(*content)
     if kind == "refused":
         raise RefusedError(*content)
-    raise {"memory": ReaderError, "open3d": Open3DError, "library": BrafitError}.get(kind, ValueError)(content)
+    raise {"memory": ReaderError, "library": BrafitError}.get(kind, ValueError)(content)
 
 
 def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments: dict[str, Any]) -> tuple[str, Any]:
@@ -92,14 +91,12 @@ def _answer(reader: Callable[..., dict[str, np.ndarray]], path: Path, arguments:
             return "ok", reader(plain, **arguments)
     except MemoryError:
         return "memory", "it needs more memory than there is"
-    except Open3DError as error:
-        return "open3d", str(error)
+    except RefusedError as error:
+        return "refused", (error.cause, error.remedy)
     except BrafitError as error:
         return "library", str(error)
     except OSError as error:
         return "os", (error.errno, error.strerror)
-    except RefusedError as error:
-        return "refused", (error.cause, error.remedy)
     except Exception as error:
         return "value", " ".join(str(error).split())[:200] or type(error).__name__
 
@@ -195,10 +192,9 @@ def _readers() -> dict[str, Callable[..., dict[str, np.ndarray]]]:
     from brafit.cloud.arrays import read_arrays
     from brafit.cloud.mesh import read_mesh
     from brafit.cloud.pcd import read_pcd
-    from brafit.cloud.ply import read_vertices
     from brafit.cloud.text import read_text
 
-    return {"ply": read_vertices, "mesh": read_mesh, "text": read_text, "pcd": read_pcd, "arrays": read_arrays}
+    return {"mesh": read_mesh, "text": read_text, "pcd": read_pcd, "arrays": read_arrays}
 
 
 def _serve() -> None:
