@@ -8,9 +8,9 @@ import pytest
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from brafit import quoting
 from brafit.cli.arguments import WITH_VALUE, prepared
 from brafit.errors import ConfigError
+from brafit.settings import quoting
 from brafit.settings.checks import sources
 from brafit.settings.compose import from_settings
 from brafit.settings.quoting import readable, unquoted
