@@ -5,23 +5,28 @@ Rules and figures are those of 14 breasts (parametric bodies, a mean of standing
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from scipy import ndimage
+from scipy.signal import find_peaks
 
 from brafit.anatomy.wire_detection import Wire, concavity, laid, plainness, trace
+from brafit.cloud.read import MIN_POINTS
 from brafit.errors import InputError
 from brafit.geometry.polyline import evenly_spaced
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
 from brafit.surface.cleaning import averaged, inliers, tidy
 from brafit.surface.cropping import facing, neckline_over
-from brafit.surface.normals import Surface, settle
+from brafit.surface.normals import Surface, settle, surface_of
 from brafit.surface.symmetry import mirror_of
 
 WHOLE, COARSE, DENSE = 60_000, 6_000, 24_000
 """Points that are looked at: of the whole body, about a breast for a first look, and for good."""
+GLANCE = 3
+"""For the first look every so many points are enough."""
 TORSO_SIZE = 450.0
 """Least diagonal (mm) of a torso's box."""
 LEAN = np.radians(6.5)
@@ -32,6 +37,12 @@ TRUNK = 40.0
 """Half width (mm) of the strip about the mirror plane that holds no arm."""
 BREAST_OUT = (25.0, 160.0)
 """Distance of an apex from the mirror plane, mm."""
+AROUND, NEAR = (45.0, 5.0), 25.0
+"""Distance (mm, give or take) of the ring over which an apex's height is measured, and of the points that say what is
+outwards."""
+GORE = 20.0
+"""Nearer to the mirror plane (mm) a proposed wire is moved outwards, by a quarter of this on the plane itself, so that
+it keeps to its side. In 14 breasts wires end 9 to 28 mm from it."""
 PROTRUDING = np.array([0.42, 0.09, 0.90])
 """Direction (outwards, up, front) in which an apex sticks out farthest."""
 CAP, ABOUT = 2.0, 35.0
@@ -48,6 +59,22 @@ STRAP_UP = 1.002
 SHOULDER_OUT, SHOULDER_UP, SHOULDER_BACK = 124.0, (170.0, 240.0), (-230.0, -130.0)
 """The middle of the shoulder, mm: distance from the mirror plane (mean of 14, spread 6), and where it can lie above and
 behind the apex."""
+BELOW_SHOULDERS = 350.0
+"""No apex lies farther below the shoulders, mm."""
+LEVELS = 60.0
+"""The apexes of both sides lie as high as each other to so many mm; of half a breast beside a whole one, 25."""
+CELL, PROMINENCE = 6.0, 2.0
+"""Steps of the height (mm) in which the foremost place is sought, and by how much (mm) it is before those above and
+below it."""
+RISES, RISE_SPREAD = 0.003, 6.0
+"""What a millimetre of an apex's height counts in telling front from back, against concavity: breasts rise by 14 mm and
+more, shoulder blades by 13 at most. An apex so much (mm) lower than the highest is no breast's."""
+NECK = 0.0006
+"""What a millimetre of neck counts in telling up from down, against concavity."""
+BODY_SIZE = 1100.0
+"""Least diagonal (mm) of a body with legs."""
+TRUNK_BELOW, TRUNK_ABOVE, TRUNK_WIDTH = 600.0, 150.0, 300.0
+"""What is looked at of it: from so far below the shoulders to so far above them, so far to either side (mm)."""
 MIN_HOLLOW = 0.012
 """Less concavity along the wire found than this is no breast."""
 BREAST_AXES = np.array([[0.18, -0.95, 0.23], [0.88, 0.05, -0.47], [0.43, 0.28, 0.85]])
@@ -105,9 +132,8 @@ def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Lan
     if size < TORSO_SIZE:
         cause = f"is {size:.0f} mm across, which is no whole torso: landmarks can be proposed on a torso only"
         raise InputError(path, cause, f"Write {landmarks_path(path).name} by hand, or scan the whole torso")
-    points = _sketch(points)
-    body = _best(points)
-    found = [_breast(points, body, side) for side in SIDES]
+    body, points = body_and_trunk(points)
+    found = _breasts(points, body)
     return [
         Landmarks(
             path=landmarks_path(path),
@@ -152,6 +178,19 @@ def body_of(points: Float[np.ndarray, "n 3"]) -> Body:
     return _best(_sketch(points))
 
 
+def body_and_trunk(points: Float[np.ndarray, "n 3"]) -> tuple[Body, Float[np.ndarray, "m 3"]]:
+    """The same, and the points of its trunk, thinned and without strays. Of a body with legs, the trunk is looked at
+    alone, with all the points that it has.
+    """
+    sketch = _sketch(points)
+    body = _best(sketch)
+    if float(np.linalg.norm(np.ptp(points, axis=0))) < BODY_SIZE:
+        return body, sketch
+    rise = points @ body.up - _shoulders(body, sketch)
+    trunk = (rise > -TRUNK_BELOW) & (rise < TRUNK_ABOVE) & (np.abs(points @ body.left - body.offset) < TRUNK_WIDTH)
+    return body, _sketch(points[trunk]) if trunk.sum() > COARSE else sketch
+
+
 def _sketch(points: np.ndarray) -> np.ndarray:
     """The whole body thinned, without strays."""
     thinned = averaged(points, WHOLE)
@@ -159,11 +198,24 @@ def _sketch(points: np.ndarray) -> np.ndarray:
 
 
 def _best(points: np.ndarray) -> Body:
-    def shown(body: Body) -> float:
-        apex, surface = _apex(points, body, "left", COARSE)
-        return plainness(_in_breast_frame(surface, apex, body, "left")) + _wire_above(surface, apex, body)
+    bodies, points = _candidates(points), points[::GLANCE]
+    bodies = [(body, NECK * _neck(body, points)) for body in bodies]
+    looks = [(body, neck, side, *_apex(points, body, side, COARSE)) for body, neck in bodies for side in SIDES]
+    rises = [_rise(body, side, apex, surface) for body, _, side, apex, surface in looks]
 
-    return max(_candidates(points), key=shown)
+    def shown(k: int) -> float:
+        body, neck, side, apex, surface = looks[k]
+        crease = plainness(_in_breast_frame(surface, apex, body, side)) + _wire_above(surface, apex, body)
+        return crease + RISES * rises[k] + neck
+
+    # The back, whatever its creases, has nothing that rises as a breast does.
+    best = max((k for k in range(len(looks)) if rises[k] > max(rises) - RISE_SPREAD), key=shown)
+    return looks[best][0]
+
+
+def _rise(body: Body, side: str, apex: np.ndarray, surface: Surface) -> float:
+    """How high (mm) an apex lies over what is about it, less by how much it is beside the trunk."""
+    return mound(surface, apex) - float(np.clip(body.away(apex, side) - BREAST_OUT[1], 0, None))
 
 
 def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
@@ -207,9 +259,19 @@ def _candidates(points: np.ndarray) -> list[Body]:
     return bodies
 
 
-def _breast(points: np.ndarray, body: Body, side: str) -> _Breast:
-    apex, surface = _bust_point(points, body, side)
-    wire = _wire(surface, apex, body, side)
+def _breasts(points: np.ndarray, body: Body) -> list[_Breast]:
+    """What there is on both sides, at about the same height: that of the plainer breast."""
+    first = {side: _apex(points, body, side) for side in SIDES}
+    heights = {side: float(apex @ body.up) for side, (apex, _) in first.items()}
+    if abs(heights["left"] - heights["right"]) > LEVELS:
+        plain, other = sorted(SIDES, key=lambda side: -mound(first[side][1], first[side][0]))
+        first[other] = _apex(points, body, other, level=heights[plain])
+    return [_breast(points, body, side, *first[side]) for side in SIDES]
+
+
+def _breast(points: np.ndarray, body: Body, side: str, apex: np.ndarray, surface: Surface) -> _Breast:
+    apex = _nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side)
+    wire = _on_its_side(_wire(surface, apex, body, side), body, side)
     front = facing(wire.wire, body.front)
     strap = _strap(surface, wire.wire, apex, _shoulder(points, apex, body, side), front, body)
     upper = neckline_over(surface, wire.wire[0], strap, wire.wire[-1], front)
@@ -217,8 +279,10 @@ def _breast(points: np.ndarray, body: Body, side: str) -> _Breast:
 
 
 def _about(points: np.ndarray, place: np.ndarray, outward: np.ndarray, dense: int, radius: float = 190.0) -> Surface:
-    """The tidied surface within a radius of a place, in the scan's frame."""
+    """The surface within a radius of a place, in the scan's frame; tidied, but for a first look (COARSE)."""
     near = points[np.linalg.norm(points - place, axis=1) < radius]
+    if dense == COARSE and len(near) > MIN_POINTS:
+        return surface_of(averaged(near, dense), outward)
     surface = tidy(near, dense=dense).surface
     if surface is None:
         return Surface(near, np.tile(outward, (len(near), 1)), 1.0)
@@ -226,18 +290,57 @@ def _about(points: np.ndarray, place: np.ndarray, outward: np.ndarray, dense: in
     return Surface(surface.points, turned * surface.normals, surface.spacing)
 
 
-def _apex(points: np.ndarray, body: Body, side: str, dense: int = DENSE) -> tuple[np.ndarray, Surface]:
-    """The bust point as the surface about it shows it: the middle of what is convex about the foremost place."""
-    out = body.away(points, side)
-    height = points @ body.up
+def _foremost(points: np.ndarray, body: Body, side: str, level: float | None = None) -> np.ndarray:
+    """About where a breast sticks out farthest: the foremost place that has lower ones both above and below it.
+
+    Args:
+        level: its height, where that is known to LEVELS mm.
+    """
+    out, height = body.away(points, side), points @ body.up
     trunk = np.abs(out) < BREAST_OUT[1]
     low, high = np.quantile(height[trunk], (0.02, 0.98))
-    # Within the middle of the height of a torso; of a whole body, the upper part.
-    zone = (out > BREAST_OUT[0]) & (out < BREAST_OUT[1]) & (height > low + 0.25 * (high - low)) & (height < high)
-    candidate = points[zone]
+    # Within the middle of the height of a torso; of a whole body, so far below the shoulders.
+    low, high = max(low + 0.25 * (high - low), _shoulders(body, points) - BELOW_SHOULDERS), float(high)
+    if level is not None:
+        low, high = max(low, level - LEVELS), min(high, level + LEVELS)
+    zone = (out > BREAST_OUT[0]) & (out < BREAST_OUT[1]) & (height > low) & (height < high)
+    if not zone.any():
+        zone = trunk
+    candidate, height = points[zone], height[zone]
+    reach = candidate @ body.protruding(side)
+    cell = ((height - height.min()) / CELL).astype(int)
+    profile = np.full(cell.max() + 1, -np.inf)
+    np.maximum.at(profile, cell, reach)
+    peaks = find_peaks(ndimage.median_filter(profile, 3, mode="nearest"), prominence=PROMINENCE)[0]
+    if len(peaks):  # not what goes on beyond the zone, as a belly does
+        near = np.abs(cell - peaks[profile[peaks].argmax()]) <= 4
+        candidate, reach = candidate[near], reach[near]
+    return np.median(candidate[reach > np.quantile(reach, 0.999) - CAP], axis=0)
+
+
+def _shoulders(body: Body, points: np.ndarray) -> float:
+    """Height of the lower shoulder: the least of the body's tops beside the neck, so that a raised arm does not count."""
+    out, height = points @ body.left - body.offset, points @ body.up
+    beside = [height[np.abs(out - sign * place) < 5.0] for sign in (1, -1) for place in (105.0, 115.0, SHOULDER_OUT)]
+    return min((float(np.quantile(part, 0.99)) for part in beside if len(part) >= 20), default=float(height.max()))
+
+
+def _neck(body: Body, points: np.ndarray) -> float:
+    """By how much (mm) the body's middle reaches above its shoulders: neck and head do, where it is upside down the
+    middle is flat, or there are legs. At most 100 either way.
+    """
+    middle = points[np.abs(points @ body.left - body.offset) < 30.0] @ body.up
+    if len(middle) < 20:
+        return 0.0
+    return float(np.clip(np.quantile(middle, 0.99) - _shoulders(body, points), -100.0, 100.0))
+
+
+def _apex(
+    points: np.ndarray, body: Body, side: str, dense: int = DENSE, level: float | None = None
+) -> tuple[np.ndarray, Surface]:
+    """The bust point as the surface about it shows it: the middle of what is convex about the foremost place."""
     direction = body.protruding(side)
-    reach = candidate @ direction
-    apex = np.median(candidate[reach > np.quantile(reach, 0.9995) - CAP], axis=0)
+    apex = _foremost(points, body, side, level)
     surface = _about(points, apex, body.front, dense)
     reach = surface.points @ direction
 
@@ -268,6 +371,20 @@ def _bust_point(points: np.ndarray, body: Body, side: str) -> tuple[np.ndarray, 
     return _nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side), surface
 
 
+def mound(surface: Surface, apex: Float[np.ndarray, "3"]) -> float:
+    """How high (mm) a place lies over those about it, AROUND mm away from it: the mean of the sides, along the normal
+    there. On a sphere of radius R, R - sqrt(R^2 - AROUND^2) and more; on a chest as round as a barrel 3 to 5.
+    """
+    away = surface.points - apex
+    distance = np.linalg.norm(away, axis=1)
+    normal = surface.normals[distance < NEAR].sum(axis=0)
+    normal = normal / max(float(np.linalg.norm(normal)), 1e-9)
+    ring = (np.abs(distance - AROUND[0]) < AROUND[1]) & (surface.normals @ normal > 0)
+    if not ring.any():
+        return 0.0
+    return float(-(away[ring] @ normal).mean())
+
+
 def _nudged(surface: Surface, apex: np.ndarray, wire: np.ndarray, body: Body, side: str) -> np.ndarray:
     """The bust point as the surface shows it, and as the wire does (see `SIDEWAYS`)."""
     outwards, direction = body.outwards(side)[0], body.protruding(side)
@@ -288,6 +405,13 @@ def _wire(surface: Surface, apex: np.ndarray, body: Body, side: str, ends: np.nd
     axes = body.breast_axes(side)
     found = trace(_in_breast_frame(surface, apex, body, side), None if ends is None else (ends - apex) @ axes.T)
     return Wire(found.wire @ axes + apex, found.guessed, found.hollow)
+
+
+def _on_its_side(wire: Wire, body: Body, side: str) -> Wire:
+    """The wire with what comes nearer than GORE to the mirror plane, or across it, moved outwards."""
+    out = body.away(wire.wire, side)
+    step = np.clip(GORE - out, 0, 2 * GORE) ** 2 / (4 * GORE)
+    return replace(wire, wire=wire.wire + step[:, None] * body.outwards(side)[0])
 
 
 def _in_breast_frame(surface: Surface, apex: np.ndarray, body: Body, side: str) -> Surface:

@@ -45,6 +45,13 @@ WINDOWS = (12.0, 9.0, 7.0, 6.0, 6.0)
 FIRST, LAID, USUAL, HELD = 0.005, 0.1, 1.0, 3.0
 """Weights, against a plain crease's 1: of the first placing, of the surface where there is no crease, of each of LEGS,
 of ends that are given."""
+KEPT = 1.0
+"""Weight of the first placing where without it the line went astray, as it does where a crease hardly shows, or runs
+nearly straight (in underwear), so that a much larger circle fits it."""
+LONGEST, ASTRAY, ASHORE, WIDEST, UNSHOWN = 310.0, 60.0, 12.0, 165.0, 0.3
+"""Such a line is longer than LONGEST (mm; the wires of 14 breasts are 186 to 273), or somewhere ASTRAY mm from the first
+placing, or a fifth of it is ASHORE mm from the surface, or its ends are WIDEST mm apart (13 of 14: 127 to 155) though
+more than the share UNSHOWN of it shows no crease."""
 FLAT = 0.02
 """With what weight the line between ends that are given is drawn to their plane, where no crease shows."""
 ASTRAY = 5.0
@@ -64,6 +71,8 @@ HOLLOW = 0.03
 """Least concavity that counts as a crease."""
 DEEPEST = 0.15
 """More concavity than this says nothing more."""
+STIFF = 30.0
+"""Of the smoothing of heights along a line that is laid on the surface."""
 PIXEL, HALF = 2.0, 170.0
 UNSEEN = -0.02
 """Counted as the concavity where no points are: no reason to lay a wire there."""
@@ -99,6 +108,46 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
     image = _image(surface.points, hollow)
     drawn, strength = _drawn(image, _place(image, ends))
     start = _lifted(drawn, strength, ends, surface.points, hollow)
+    if ends is None and _ashore(surface, start):  # too little of a crease shows to say how the line lies in space
+        start = np.column_stack([drawn, smoothed(_front(surface, drawn), np.ones(len(drawn)), STIFF, 0.0)])
+    wire = _settled(surface, start, ends, FIRST)
+    guessed = _guessed(surface, wire)
+    if ends is None and _astray(surface, wire, start, guessed):
+        wire = _settled(surface, start, ends, KEPT)
+        if _astray(surface, wire, start, 0.0):
+            wire = evenly_spaced(_cut(evenly_spaced(start, 1000), None), STATIONS)
+        guessed = _guessed(surface, wire)
+    return Wire(evenly_spaced(wire, COUNT), guessed, _plainness(strength))
+
+
+def _guessed(surface: Surface, wire: np.ndarray) -> float:
+    """The share of a wire where the surface shows no crease."""
+    return float(1 - (folds(surface, wire, WINDOWS[-1])[1] >= PLAIN[0]).mean())
+
+
+def _astray(surface: Surface, wire: np.ndarray, start: np.ndarray, guessed: float) -> bool:
+    """Whether a wire left the place where it was first laid, or the surface."""
+    span, away = float(np.linalg.norm(wire[-1] - wire[0])), KDTree(start).query(wire)[0].max()
+    wide = span > WIDEST and guessed > UNSHOWN
+    return bool(_length(wire) > LONGEST or away > ASTRAY or _ashore(surface, wire) or wide)
+
+
+def _ashore(surface: Surface, line: np.ndarray) -> bool:
+    """Whether a fifth of a line is farther than ASHORE from the surface."""
+    return bool(np.quantile(surface.tree.query(line)[0], 0.8) > ASHORE)
+
+
+def _front(surface: Surface, places: np.ndarray) -> np.ndarray:
+    """Heights of the surface at places (k, 2) seen from in front."""
+    return surface.points[KDTree(surface.points[:, :2]).query(places)[1], 2]
+
+
+def _settled(surface: Surface, start: np.ndarray, ends: np.ndarray | None, first: float) -> np.ndarray:
+    """The line drawn from where it was first placed to the bottom of the crease, and cut off at its ends.
+
+    Args:
+        first: weight of the first placing.
+    """
     line = start
     for window in WINDOWS:
         places, plain = folds(surface, line, window)
@@ -107,14 +156,11 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
         bare = LAID * np.clip(1 - 3 * counts, 0, 1) * (np.linalg.norm(level - line, axis=1) < OFF)
         bare *= np.asarray(surface.tree.query(level)[0]) < max(BESIDE, 2 * surface.spacing)
         known = _legs(surface, line) if ends is None else ends
-        weights = [np.full(len(start), FIRST), counts, bare, np.full(2, USUAL if ends is None else HELD)]
+        weights = [np.full(len(start), first), counts, bare, np.full(2, USUAL if ends is None else HELD)]
         shown = np.concatenate([start, places, level, known]), np.concatenate(weights)
         line = rim(*shown) if ends is None else rim(*shown, held=2, flat=FLAT)
     wire = evenly_spaced(_cut(evenly_spaced(line, 1000), ends), STATIONS)
-    if ends is not None:
-        wire = _through(wire, ends)
-    measured = folds(surface, wire, WINDOWS[-1])[1] >= PLAIN[0]
-    return Wire(evenly_spaced(wire, COUNT), float(1 - measured.mean()), _plainness(strength))
+    return wire if ends is None else _through(wire, ends)
 
 
 def plainness(surface: Surface) -> float:
@@ -156,6 +202,10 @@ def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray
         placed = _rigid(flat, crease[near], within)
     within = np.asarray(tree.query(placed)[0]) <= ASTRAY
     return Wire(placed, float(1 - (1 - found.guessed) * within.mean()), found.hollow)
+
+
+def _length(line: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
 
 
 def _rigid(points: np.ndarray, aims: np.ndarray, used: np.ndarray | slice = slice(None)) -> np.ndarray:

@@ -253,7 +253,7 @@ class Bodies:
 def levelled(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], there: Bool[np.ndarray, " v"], left: float
 ) -> Float[np.ndarray, "v 3"]:
-    """The body with what is raised at some vertices brought down to the smooth surface that their surroundings make.
+    """The body with what is raised at some vertices brought down to the surface that a membrane would make.
 
     Args:
         there: the vertices that move.
@@ -264,12 +264,10 @@ def levelled(
     links = sparse.coo_array((np.ones(len(edges)), edges.T), shape=(n, n)).tocsr()
     links = ((links + links.T) > 0).astype(float)
     laplacian = (sparse.diags_array(links.sum(axis=1)) - links).tocsr()
-    # Second order, so that the surface goes on smoothly from its surroundings.
-    bending = (laplacian @ laplacian).tocsr()
     free, held = np.flatnonzero(there), np.flatnonzero(~there)
-    right = -(bending[free][:, held] @ vertices[held])
+    right = -(laplacian[free][:, held] @ vertices[held])
     level = vertices.copy()
-    level[free] = spsolve(bending[free][:, free].tocsc(), right)
+    level[free] = spsolve(laplacian[free][:, free].tocsc(), right)
     return level + left * (vertices - level)
 
 
