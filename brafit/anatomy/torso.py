@@ -5,67 +5,46 @@ Rules and figures are those of 14 breasts (parametric bodies, a mean of standing
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy import ndimage
-from scipy.signal import find_peaks
 
+from brafit.anatomy.apex import BREAST_OUT, COARSE, DENSE, LEVELS, about, apex_on, mound, nudged
+from brafit.anatomy.body import (
+    SHOULDER_BACK,
+    SHOULDER_OUT,
+    SHOULDER_UP,
+    Body,
+    body_from_marks,
+    candidates,
+    neck_of,
+    shoulders,
+)
+from brafit.anatomy.confidence import Confidence, compared, evidence, refusal
 from brafit.anatomy.wire_detection import Wire, concavity, laid, plainness, trace
-from brafit.cloud.read import MIN_POINTS
 from brafit.errors import InputError
-from brafit.geometry.polyline import evenly_spaced
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
-from brafit.surface.cleaning import averaged, inliers, tidy
+from brafit.surface.cleaning import averaged, inliers
 from brafit.surface.cropping import facing, neckline_over
-from brafit.surface.normals import Surface, settle, surface_of
-from brafit.surface.symmetry import mirror_of
+from brafit.surface.normals import Surface, settle
+from brafit.surface.symmetry import Mirror
 
-WHOLE, COARSE, DENSE = 60_000, 6_000, 24_000
-"""Points that are looked at: of the whole body, about a breast for a first look, and for good."""
+OF_WIRES = ("wire", "guessed", "inner_out")
+"""Evidence that is of a wire's shape alone."""
+WHOLE = 60_000
+"""Points of a body that are looked at."""
 GLANCE = 3
 """For the first look every so many points are enough."""
 TORSO_SIZE = 450.0
 """Least diagonal (mm) of a torso's box."""
-LEAN = np.radians(6.5)
-"""The long axis of a standing trunk leans back by so much."""
-LEVEL = np.radians(6.0)
-"""An axis of the scan that is so near to the vertical found is the vertical: scanners stand level."""
-TRUNK = 40.0
-"""Half width (mm) of the strip about the mirror plane that holds no arm."""
-BREAST_OUT = (25.0, 160.0)
-"""Distance of an apex from the mirror plane, mm."""
-AROUND, NEAR = (45.0, 5.0), 25.0
-"""Distance (mm, give or take) of the ring over which an apex's height is measured, and of the points that say what is
-outwards."""
 GORE = 20.0
 """Nearer to the mirror plane (mm) a proposed wire is moved outwards, by a quarter of this on the plane itself, so that
 it keeps to its side. In 14 breasts wires end 9 to 28 mm from it."""
-PROTRUDING = np.array([0.42, 0.09, 0.90])
-"""Direction (outwards, up, front) in which an apex sticks out farthest."""
-CAP, ABOUT = 2.0, 35.0
-"""Height and radius (mm) of the cap that is looked at there."""
-AREOLA, SCALE, CONVEX, LEAST = 10.0, 11.0, 0.03, 0.0005
-"""About the foremost place: how wide convexity counts (mm, standard deviation), the radius (mm) it is measured in, from
-what on it counts, and as what every point counts, so that a flat place keeps to the middle."""
-SIDEWAYS, RAISED, NUDGE = (0.21, 3.4), (0.15, 57.0), 6.0
-"""Where the wire says that the bust point lies, seen along PROTRUDING: this share of the way to a place so far (mm)
-inwards of the wire's middle; higher by this share of the breast's depth over so much (mm); at most NUDGE mm in all.
-Each of 14 breasts by the others' rule: within 5.7 mm of the given point, 3.1 RMS; without the wire, 8.0 and 3.4."""
 STRAP_UP = 1.002
 """The strap point's height above the wire's bottom, over the span: in 14 breasts within 0.004."""
-SHOULDER_OUT, SHOULDER_UP, SHOULDER_BACK = 124.0, (170.0, 240.0), (-230.0, -130.0)
-"""The middle of the shoulder, mm: distance from the mirror plane (mean of 14, spread 6), and where it can lie above and
-behind the apex."""
-BELOW_SHOULDERS = 350.0
-"""No apex lies farther below the shoulders, mm."""
-LEVELS = 60.0
-"""The apexes of both sides lie as high as each other to so many mm; of half a breast beside a whole one, 25."""
-CELL, PROMINENCE = 6.0, 2.0
-"""Steps of the height (mm) in which the foremost place is sought, and by how much (mm) it is before those above and
-below it."""
 RISES, RISE_SPREAD = 0.003, 6.0
 """What a millimetre of an apex's height counts in telling front from back, against concavity: breasts rise by 14 mm and
 more, shoulder blades by 13 at most. An apex so much (mm) lower than the highest is no breast's."""
@@ -75,58 +54,47 @@ BODY_SIZE = 1100.0
 """Least diagonal (mm) of a body with legs."""
 TRUNK_BELOW, TRUNK_ABOVE, TRUNK_WIDTH = 600.0, 150.0, 300.0
 """What is looked at of it: from so far below the shoulders to so far above them, so far to either side (mm)."""
-MIN_HOLLOW = 0.012
-"""Less concavity along the wire found than this is no breast."""
-BREAST_AXES = np.array([[0.18, -0.95, 0.23], [0.88, 0.05, -0.47], [0.43, 0.28, 0.85]])
-"""Mean axes x, y, z of the cup frames (left) in the body's (outwards, up, front)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
-    """Axes of a standing body: unit vectors to the wearer's left, up and to the front, and the mirror plane's offset
-    along the first."""
+class Proposal:
+    """Landmarks that were proposed for one breast (mm), and how far they can be trusted."""
 
-    left: Float[np.ndarray, "3"]
-    up: Float[np.ndarray, "3"]
-    front: Float[np.ndarray, "3"]
-    offset: float
-
-    def outwards(self, side: str) -> Float[np.ndarray, "3 3"]:
-        """Rows: outwards, up, front, for a side; right-handed for the left one, mirrored for the right one."""
-        return np.stack([self.left if side == "left" else -self.left, self.up, self.front])
-
-    def away(self, points: Float[np.ndarray, "*n 3"], side: str) -> Float[np.ndarray, "*n"]:
-        """Distances of points from the mirror plane, outwards of a side."""
-        return points @ self.outwards(side)[0] - (self.offset if side == "left" else -self.offset)
-
-    def protruding(self, side: str) -> Float[np.ndarray, "3"]:
-        """The unit vector PROTRUDING of a side."""
-        return PROTRUDING @ self.outwards(side) / np.linalg.norm(PROTRUDING)
-
-    def breast_axes(self, side: str) -> Float[np.ndarray, "3 3"]:
-        """Rows: x, y, z of the frame in which `brafit.anatomy.wire_detection` works, about a breast of this side."""
-        q, r = np.linalg.qr(BREAST_AXES.T)
-        return (q * np.sign(np.diag(r))).T @ self.outwards(side)
+    marks: Landmarks
+    confidence: Confidence
 
 
 @dataclass(frozen=True, eq=False)
 class _Breast:
     """What was found of one breast, in the scan's frame."""
 
-    body: Body
     side: str
     apex: np.ndarray
     wire: Wire
     strap: np.ndarray
     upper_line: np.ndarray
+    surface: Surface
 
 
 def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Landmarks]:
-    """Landmarks of both breasts of a standing torso (mm), marked as proposed: apex, wire and its ends, strap point,
-    upper line.
+    """The landmarks of those breasts of a torso (mm) that there are, see `proposals`.
 
     Raises:
         InputError: it is no torso, or no breast was found.
+    """
+    found = proposals(path, points)
+    possible = [one.marks for one in found if not one.confidence.faults]
+    if not possible:
+        raise refusal(path, [one.confidence for one in found])
+    return possible
+
+
+def proposals(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Proposal]:
+    """Landmarks of both sides of a standing torso (mm), marked as proposed: apex, wire and its ends, strap point, upper
+    line. Where there is no breast they are proposed as well, and their confidence says so.
+
+    Raises:
+        InputError: it is no torso.
     """
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     if size < TORSO_SIZE:
@@ -134,43 +102,57 @@ def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Lan
         raise InputError(path, cause, f"Write {landmarks_path(path).name} by hand, or scan the whole torso")
     body, points = body_and_trunk(points)
     found = _breasts(points, body)
-    return [
-        Landmarks(
-            path=landmarks_path(path),
-            name=path.stem,
-            side=breast.side,
-            wire=breast.wire.wire,
-            upper_line=breast.upper_line,
-            points={
-                "inner_end": breast.wire.wire[0],
-                "outer_end": breast.wire.wire[-1],
-                "wire_bottom": _lowest(breast.wire.wire, breast.body.up),
-                "apex": breast.apex,
-                "strap_point": breast.strap,
-            },
-            units="mm",
-            proposed=True,
-        )
-        for breast in _checked(path, found)
-    ]
+    marks = [_marks(path, breast, body) for breast in found]
+    return [Proposal(*pair) for pair in zip(marks, _confidences(body, found), strict=True)]
 
 
-def body_from_marks(
-    ends: Float[np.ndarray, "2 3"], below: Float[np.ndarray, "3"], front: Float[np.ndarray, "3"], side: str
-) -> Body:
-    """Axes from a breast's own marks, where there is no whole torso: the wire's ends, a direction that leads down from
-    the middle between them, and one that leads out of the chest.
-
-    The cup's mean axes (`BREAST_AXES`) are turned back into the body's.
+def _confidences(body: Body, found: Sequence[_Breast]) -> list[Confidence]:
+    """Of both sides. Where one side has no breast the two are not compared; where they are too far apart to be a pair,
+    the side that rises less is none.
     """
-    y = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    z = front - (front @ y) * y
-    z /= np.linalg.norm(z)
-    x = below - (below @ y) * y - (below @ z) * z
-    x /= np.linalg.norm(x)
-    q, r = np.linalg.qr(BREAST_AXES.T)
-    outwards, up, forward = (q * np.sign(np.diag(r))) @ np.stack([x, y, z])
-    return Body(outwards if side == "left" else -outwards, up, forward, 0.0)
+    alone = [Confidence(b.side, evidence(b.surface, body, b.side, b.apex, b.wire.wire)) for b in found]
+    if any(one.faults for one in alone):
+        return alone
+    pair = compared(body, {b.side: b.apex for b in found}, {b.side: b.wire.wire for b in found})
+    deepest = max(max(b.wire.hollow for b in found), 1e-9)
+    shares = [{"crease": max(b.wire.hollow, 0.0) / deepest} for b in found]
+    both = [Confidence(one.side, {**one.evidence, **pair, **share}) for one, share in zip(alone, shares, strict=True)]
+    faulty = [one for one in both if one.faults]
+    if len(faulty) == 2:  # too far apart to be a pair
+        faulty = [min(both, key=lambda one: one.evidence["rise"])]
+    return [one if one in faulty or not faulty else only for one, only in zip(both, alone, strict=True)]
+
+
+def judged(points: Float[np.ndarray, "n 3"], marks: Landmarks, mirror: Mirror, *, looked_at: bool) -> Confidence | None:
+    """How far marks can be trusted that were not made on this breast, or that nobody looked at; None for marks without
+    wire and apex.
+
+    Args:
+        points: of the scan, mm.
+        mirror: the body's plane of symmetry.
+        looked_at: somebody made them on the other breast, so that the wire itself is not in doubt.
+    """
+    apex, wire = marks.points.get("apex"), marks.wire
+    if apex is None or wire is None:
+        return None
+    left = mirror.normal * (1.0 if marks.side == "left" else -1.0)
+    outwards = apex @ mirror.normal - mirror.offset
+    left = left * (1.0 if outwards >= 0 else -1.0)
+    middle = (wire[0] + wire[-1]) / 2
+    rough = body_from_marks(wire[[0, -1]], wire.mean(axis=0) - middle, apex - middle, marks.side)
+    front = rough.front - (rough.front @ left) * left
+    front /= np.linalg.norm(front)
+    body = Body(left, np.cross(front, left), front, mirror.offset * float(left @ mirror.normal))
+    surface = about(points, apex, front, DENSE)
+    found = evidence(surface, body, marks.side, apex, wire)
+    return Confidence(marks.side, {key: value for key, value in found.items() if not (looked_at and key in OF_WIRES)})
+
+
+def _marks(path: Path, breast: _Breast, body: Body) -> Landmarks:
+    wire = breast.wire.wire
+    named = {"inner_end": wire[0], "outer_end": wire[-1], "wire_bottom": _lowest(wire, body.up)}
+    named |= {"apex": breast.apex, "strap_point": breast.strap}
+    return Landmarks(landmarks_path(path), path.stem, breast.side, wire, breast.upper_line, named, "mm", proposed=True)
 
 
 def body_of(points: Float[np.ndarray, "n 3"]) -> Body:
@@ -186,7 +168,7 @@ def body_and_trunk(points: Float[np.ndarray, "n 3"]) -> tuple[Body, Float[np.nda
     body = _best(sketch)
     if float(np.linalg.norm(np.ptp(points, axis=0))) < BODY_SIZE:
         return body, sketch
-    rise = points @ body.up - _shoulders(body, sketch)
+    rise = points @ body.up - shoulders(body, sketch)
     trunk = (rise > -TRUNK_BELOW) & (rise < TRUNK_ABOVE) & (np.abs(points @ body.left - body.offset) < TRUNK_WIDTH)
     return body, _sketch(points[trunk]) if trunk.sum() > COARSE else sketch
 
@@ -198,9 +180,9 @@ def _sketch(points: np.ndarray) -> np.ndarray:
 
 
 def _best(points: np.ndarray) -> Body:
-    bodies, points = _candidates(points), points[::GLANCE]
-    bodies = [(body, NECK * _neck(body, points)) for body in bodies]
-    looks = [(body, neck, side, *_apex(points, body, side, COARSE)) for body, neck in bodies for side in SIDES]
+    bodies, points = candidates(points), points[::GLANCE]
+    bodies = [(body, NECK * neck_of(body, points)) for body in bodies]
+    looks = [(body, neck, side, *apex_on(points, body, side, COARSE)) for body, neck in bodies for side in SIDES]
     rises = [_rise(body, side, apex, surface) for body, _, side, apex, surface in looks]
 
     def shown(k: int) -> float:
@@ -225,179 +207,29 @@ def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
     return -float(np.clip(concavity(surface, 14.0, np.flatnonzero(above)), 0, None).mean()) if above.any() else -1.0
 
 
-def _checked(path: Path, found: list[_Breast]) -> list[_Breast]:
-    if max(breast.wire.hollow for breast in found) < MIN_HOLLOW:
-        remedy = "It must be a standing torso, seen from all sides; else mark the landmarks by hand"
-        raise InputError(path, "no breast with a crease under it was found", remedy)
-    return found
-
-
-def _candidates(points: np.ndarray) -> list[Body]:
-    """Bodies with each choice of up and front."""
-    mirror = mirror_of(points)
-    left = mirror.normal
-    strip = points[np.abs(points @ left - mirror.offset) < TRUNK]
-    strip = strip - np.median(strip, axis=0)
-    strip = strip - np.outer(strip @ left, left)
-    strip = strip[np.linalg.norm(strip, axis=1) < 4 * np.median(np.linalg.norm(strip, axis=1))]
-    along = np.linalg.eigh(strip.T @ strip)[1][:, 2]
-    bodies = []
-    for up_sign in (1.0, -1.0):
-        for front_sign in (1.0, -1.0):
-            front = front_sign * np.cross(left, along)
-            up = up_sign * along
-            # The trunk's axis leans back: the vertical is that much farther to the front.
-            up = np.cos(LEAN) * up + np.sin(LEAN) * front
-            axis = max((s * e for e in np.eye(3) for s in (1, -1)), key=lambda axis: float(axis @ up))
-            if axis @ up > np.cos(LEVEL):
-                up = axis - (axis @ left) * left
-                up = up / np.linalg.norm(up)
-            front = front - (front @ up) * up
-            front = front / np.linalg.norm(front)
-            towards_left = np.cross(up, front)
-            bodies.append(Body(towards_left, up, front, float(mirror.offset * (towards_left @ left))))
-    return bodies
-
-
 def _breasts(points: np.ndarray, body: Body) -> list[_Breast]:
     """What there is on both sides, at about the same height: that of the plainer breast."""
-    first = {side: _apex(points, body, side) for side in SIDES}
+    first = {side: apex_on(points, body, side) for side in SIDES}
     heights = {side: float(apex @ body.up) for side, (apex, _) in first.items()}
     if abs(heights["left"] - heights["right"]) > LEVELS:
         plain, other = sorted(SIDES, key=lambda side: -mound(first[side][1], first[side][0]))
-        first[other] = _apex(points, body, other, level=heights[plain])
+        first[other] = apex_on(points, body, other, level=heights[plain])
     return [_breast(points, body, side, *first[side]) for side in SIDES]
 
 
 def _breast(points: np.ndarray, body: Body, side: str, apex: np.ndarray, surface: Surface) -> _Breast:
-    apex = _nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side)
+    apex = nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side)
     wire = _on_its_side(_wire(surface, apex, body, side), body, side)
     front = facing(wire.wire, body.front)
     strap = _strap(surface, wire.wire, apex, _shoulder(points, apex, body, side), front, body)
     upper = neckline_over(surface, wire.wire[0], strap, wire.wire[-1], front)
-    return _Breast(body, side, apex, wire, strap, upper)
-
-
-def _about(points: np.ndarray, place: np.ndarray, outward: np.ndarray, dense: int, radius: float = 190.0) -> Surface:
-    """The surface within a radius of a place, in the scan's frame; tidied, but for a first look (COARSE)."""
-    near = points[np.linalg.norm(points - place, axis=1) < radius]
-    if dense == COARSE and len(near) > MIN_POINTS:
-        return surface_of(averaged(near, dense), outward)
-    surface = tidy(near, dense=dense).surface
-    if surface is None:
-        return Surface(near, np.tile(outward, (len(near), 1)), 1.0)
-    turned = np.sign(np.median(surface.normals @ outward) or 1.0)
-    return Surface(surface.points, turned * surface.normals, surface.spacing)
-
-
-def _foremost(points: np.ndarray, body: Body, side: str, level: float | None = None) -> np.ndarray:
-    """About where a breast sticks out farthest: the foremost place that has lower ones both above and below it.
-
-    Args:
-        level: its height, where that is known to LEVELS mm.
-    """
-    out, height = body.away(points, side), points @ body.up
-    trunk = np.abs(out) < BREAST_OUT[1]
-    low, high = np.quantile(height[trunk], (0.02, 0.98))
-    # Within the middle of the height of a torso; of a whole body, so far below the shoulders.
-    low, high = max(low + 0.25 * (high - low), _shoulders(body, points) - BELOW_SHOULDERS), float(high)
-    if level is not None:
-        low, high = max(low, level - LEVELS), min(high, level + LEVELS)
-    zone = (out > BREAST_OUT[0]) & (out < BREAST_OUT[1]) & (height > low) & (height < high)
-    if not zone.any():
-        zone = trunk
-    candidate, height = points[zone], height[zone]
-    reach = candidate @ body.protruding(side)
-    cell = ((height - height.min()) / CELL).astype(int)
-    profile = np.full(cell.max() + 1, -np.inf)
-    np.maximum.at(profile, cell, reach)
-    peaks = find_peaks(ndimage.median_filter(profile, 3, mode="nearest"), prominence=PROMINENCE)[0]
-    if len(peaks):  # not what goes on beyond the zone, as a belly does
-        near = np.abs(cell - peaks[profile[peaks].argmax()]) <= 4
-        candidate, reach = candidate[near], reach[near]
-    return np.median(candidate[reach > np.quantile(reach, 0.999) - CAP], axis=0)
-
-
-def _shoulders(body: Body, points: np.ndarray) -> float:
-    """Height of the lower shoulder: the least of the body's tops beside the neck, so that a raised arm does not count."""
-    out, height = points @ body.left - body.offset, points @ body.up
-    beside = [height[np.abs(out - sign * place) < 5.0] for sign in (1, -1) for place in (105.0, 115.0, SHOULDER_OUT)]
-    return min((float(np.quantile(part, 0.99)) for part in beside if len(part) >= 20), default=float(height.max()))
-
-
-def _neck(body: Body, points: np.ndarray) -> float:
-    """By how much (mm) the body's middle reaches above its shoulders: neck and head do, where it is upside down the
-    middle is flat, or there are legs. At most 100 either way.
-    """
-    middle = points[np.abs(points @ body.left - body.offset) < 30.0] @ body.up
-    if len(middle) < 20:
-        return 0.0
-    return float(np.clip(np.quantile(middle, 0.99) - _shoulders(body, points), -100.0, 100.0))
-
-
-def _apex(
-    points: np.ndarray, body: Body, side: str, dense: int = DENSE, level: float | None = None
-) -> tuple[np.ndarray, Surface]:
-    """The bust point as the surface about it shows it: the middle of what is convex about the foremost place."""
-    direction = body.protruding(side)
-    apex = _foremost(points, body, side, level)
-    surface = _about(points, apex, body.front, dense)
-    reach = surface.points @ direction
-
-    def about(apex: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The points near the apex, and the area that each stands for."""
-        near = np.flatnonzero(((surface.points - apex) ** 2).sum(axis=1) < ABOUT**2)
-        crowd = surface.tree.query_ball_point(surface.points[near], max(8.0, 3 * surface.spacing), return_length=True)
-        return near, 1 / np.maximum(crowd, 4)
-
-    near, area = about(apex)
-    for _ in range(3):
-        if len(near) < 20:
-            break
-        behind = np.clip(np.quantile(reach[near], 0.99) - reach[near], 0, None)
-        apex = np.average(surface.points[near], axis=0, weights=area * np.exp(-((behind / CAP) ** 2)))
-        near, area = about(apex)
-    if len(near):
-        convex = -concavity(surface, max(SCALE, 3 * surface.spacing), near)
-        away = np.linalg.norm(surface.points[near] - apex, axis=1) / AREOLA
-        weights = area * np.clip(convex - CONVEX, LEAST, None) * np.exp(-(away**2) / 2)
-        apex = np.average(surface.points[near], axis=0, weights=weights)
-    return settle(surface, apex[None], max(6.0, 2 * surface.spacing))[0][0], surface
+    return _Breast(side, apex, wire, strap, upper, surface)
 
 
 def _bust_point(points: np.ndarray, body: Body, side: str) -> tuple[np.ndarray, Surface]:
     """The bust point as the surface and the wire found show it, and the surface about it."""
-    apex, surface = _apex(points, body, side)
-    return _nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side), surface
-
-
-def mound(surface: Surface, apex: Float[np.ndarray, "3"]) -> float:
-    """How high (mm) a place lies over those about it, AROUND mm away from it: the mean of the sides, along the normal
-    there. On a sphere of radius R, R - sqrt(R^2 - AROUND^2) and more; on a chest as round as a barrel 3 to 5.
-    """
-    away = surface.points - apex
-    distance = np.linalg.norm(away, axis=1)
-    normal = surface.normals[distance < NEAR].sum(axis=0)
-    normal = normal / max(float(np.linalg.norm(normal)), 1e-9)
-    ring = (np.abs(distance - AROUND[0]) < AROUND[1]) & (surface.normals @ normal > 0)
-    if not ring.any():
-        return 0.0
-    return float(-(away[ring] @ normal).mean())
-
-
-def _nudged(surface: Surface, apex: np.ndarray, wire: np.ndarray, body: Body, side: str) -> np.ndarray:
-    """The bust point as the surface shows it, and as the wire does (see `SIDEWAYS`)."""
-    outwards, direction = body.outwards(side)[0], body.protruding(side)
-    outwards = outwards - (outwards @ direction) * direction
-    outwards /= np.linalg.norm(outwards)
-    up = np.cross(direction, outwards)
-    up *= np.sign(up @ body.up)
-    away = evenly_spaced(wire, 200).mean(axis=0) - apex
-    across = SIDEWAYS[0] * (away @ outwards - SIDEWAYS[1])
-    rise = RAISED[0] * (-away @ direction - RAISED[1])
-    step = across * outwards + rise * up
-    apex = apex + step * min(1.0, NUDGE / max(float(np.linalg.norm(step)), 1e-9))
-    return settle(surface, apex[None], max(6.0, 2 * surface.spacing))[0][0]
+    apex, surface = apex_on(points, body, side)
+    return nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side), surface
 
 
 def _wire(surface: Surface, apex: np.ndarray, body: Body, side: str, ends: np.ndarray | None = None) -> Wire:
@@ -427,7 +259,7 @@ def wire_about(
     ends: Float[np.ndarray, "2 3"] | None = None,
 ) -> Wire:
     """The wire found in the crease of the breast with this apex (scan's frame, mm)."""
-    return _wire(_about(points, apex, body.front, DENSE), apex, body, side, ends)
+    return _wire(about(points, apex, body.front, DENSE), apex, body, side, ends)
 
 
 def wire_laid(
@@ -439,7 +271,7 @@ def wire_laid(
     ends: Float[np.ndarray, "2 3"] | None = None,
 ) -> Wire:
     """A rigid planar wire (depth below its chord, place along it) laid best under this apex (scan's frame, mm)."""
-    surface, axes = _about(points, apex, body.front, DENSE), body.breast_axes(side)
+    surface, axes = about(points, apex, body.front, DENSE), body.breast_axes(side)
     found = laid(_in_breast_frame(surface, apex, body, side), arc, None if ends is None else (ends - apex) @ axes.T)
     return Wire(found.wire @ axes + apex, found.guessed, found.hollow)
 

@@ -49,7 +49,7 @@ KEPT = 1.0
 """Weight of the first placing where without it the line went astray, as it does where a crease hardly shows, or runs
 nearly straight (in underwear), so that a much larger circle fits it."""
 LONGEST, ASTRAY, ASHORE, WIDEST, UNSHOWN = 310.0, 60.0, 12.0, 165.0, 0.3
-"""Such a line is longer than LONGEST (mm; the wires of 14 breasts are 186 to 273), or somewhere ASTRAY mm from the first
+"""Such a line is longer than LONGEST (mm; the wires of 14 breasts: 186 to 273), or somewhere ASTRAY mm from the first
 placing, or a fifth of it is ASHORE mm from the surface, or its ends are WIDEST mm apart (13 of 14: 127 to 155) though
 more than the share UNSHOWN of it shows no crease."""
 FLAT = 0.02
@@ -111,16 +111,16 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
     if ends is None and _ashore(surface, start):  # too little of a crease shows to say how the line lies in space
         start = np.column_stack([drawn, smoothed(_front(surface, drawn), np.ones(len(drawn)), STIFF, 0.0)])
     wire = _settled(surface, start, ends, FIRST)
-    guessed = _guessed(surface, wire)
+    guessed = guessed_share(surface, wire)
     if ends is None and _astray(surface, wire, start, guessed):
         wire = _settled(surface, start, ends, KEPT)
         if _astray(surface, wire, start, 0.0):
             wire = evenly_spaced(_cut(evenly_spaced(start, 1000), None), STATIONS)
-        guessed = _guessed(surface, wire)
+        guessed = guessed_share(surface, wire)
     return Wire(evenly_spaced(wire, COUNT), guessed, _plainness(strength))
 
 
-def _guessed(surface: Surface, wire: np.ndarray) -> float:
+def guessed_share(surface: Surface, wire: Float[np.ndarray, "k 3"]) -> float:
     """The share of a wire where the surface shows no crease."""
     return float(1 - (folds(surface, wire, WINDOWS[-1])[1] >= PLAIN[0]).mean())
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from brafit.anatomy import proposed_landmarks
+from brafit.anatomy.confidence import doubt
 from brafit.atomic import write_text
 from brafit.cloud import Cloud, read_cloud
 from brafit.errors import BrafitError, InputError
@@ -158,8 +159,16 @@ def _facts(scan: Scan) -> list[str]:
         f"unit {scan.units.cloud}{f' (found from {scan.units.found})' if scan.units.found else ''}",
         f"points: {counts}",
         *(["without points: " + f"{100 * scan.gap_share:.0f} % of the cup"] if scan.gap_share else []),
+        *_doubts(scan),
         *scan.notes,
     ]
+
+
+def _doubts(scan: Scan) -> list[str]:
+    """How far landmarks that nobody looked at can be trusted."""
+    if scan.confidence is None:
+        return []
+    return [doubt(scan.confidence, scan.origin.marks) or f"confidence {scan.confidence.value:.1f}: nothing is unusual"]
 
 
 def _figure(scan: Scan, cloud: Cloud):

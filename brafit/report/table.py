@@ -22,7 +22,8 @@ SUMMARY_KEYS: tuple[str, ...] = (
     "rms_mm", "mean_mm", "p95_mm", "max_mm", "upper_edge_mm", "neckline_smoothing_mm",
     "outline_sd_mm", "tightest_radius_mm", "wire_length_mm", "wire_smoothing_mm", "wire_drift_mm",
     "nearest_wire", "nearest_wire_length_diff_mm", "nearest_wire_span_diff_mm",
-    "twist_deg_max", "regularity_min", "isometry_mm", "seam_mismatch_mm", "iterations", "seconds", "warning_count",
+    "twist_deg_max", "regularity_min", "isometry_mm", "seam_mismatch_mm", "iterations", "seconds",
+    "landmark_confidence", "warning_count",
 )  # fmt: skip
 """Keys of fit.json and columns of summary.csv, in this order."""
 WORDS = ("scan", "status", "reason", "side", "cup", "solver", "nearest_wire")

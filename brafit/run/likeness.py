@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from brafit.anatomy.confidence import doubt
 from brafit.fitting import CupFit, ResultCode
 from brafit.landmarks.plausibility import polyline_length
 from brafit.scan import Scan
@@ -113,6 +114,9 @@ def judged(fit: CupFit, scan: Scan) -> CupFit:
     if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED):
         return fit
     length, faults, warnings = polyline_length(scan.wire), [], []
+    if scan.confidence is not None:
+        fit = replace(fit, figures=fit.figures | {"landmark_confidence": scan.confidence.value})
+        warnings += [words] if (words := doubt(scan.confidence, scan.origin.marks)) else []
     for key, value in measures(fit, scan).items():
         bound = BOUNDS[key]
         scale = 1.0 if key == "wire" else length

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from brafit.anatomy.torso import Body, apex_of, body_from_marks, body_of, wire_about, wire_laid
+from brafit.anatomy.body import Body, body_from_marks
+from brafit.anatomy.confidence import Confidence
+from brafit.anatomy.torso import apex_of, body_of, wire_about, wire_laid
 from brafit.anatomy.wire_detection import Wire
 from brafit.cloud.read import Cloud
 from brafit.errors import InputError
@@ -32,6 +34,7 @@ class Framed:
         guessed: share of the wire that no crease shows; None for one that is not found.
         frame: the cup frame.
         wire: in the cup frame, inner end first.
+        confidence: how far marks can be trusted that nobody looked at; None for given ones.
         turned: the wire was given from its outer end; `marks` have it from the inner.
     """
 
@@ -42,6 +45,7 @@ class Framed:
     frame: CupFrame
     wire: Float[np.ndarray, "k 3"]
     turned: bool
+    confidence: Confidence | None = None
 
     def mark(self, name: str) -> Float[np.ndarray, "3"] | None:
         """A marked point in the cup frame, if there is one."""
@@ -77,11 +81,12 @@ def framed(marked: Marked, side: str | None, wire: str | None) -> Framed:
         InputError: marks that cannot be those of a breast on this cloud; no wire, and none can be found.
     """
     marks, marks_origin = marked.of(side)
+    confidence = marked.confidence(marks, marks_origin)
     check_scan(marked.cloud, marks)
     marks, wire_origin, guessed = _with_wire(marked, marks, wire)
     marks, turned = inner_end_first(marked, marks)
     frame = frame_of(marked.cloud, marks)
-    return Framed(marks, marks_origin, wire_origin, guessed, frame, frame.to_cup(_line(marks)), turned)
+    return Framed(marks, marks_origin, wire_origin, guessed, frame, frame.to_cup(_line(marks)), turned, confidence)
 
 
 def frame_of(cloud: Cloud, marks: Landmarks) -> CupFrame:

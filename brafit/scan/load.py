@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from brafit.anatomy.confidence import Confidence
 from brafit.cloud.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud, read_cloud
 from brafit.errors import ConfigError, InputError
 from brafit.geometry.order import along_curve
@@ -61,6 +62,7 @@ class Scan:
         assumed: places on the surface that is assumed where the scan has no data, for the fit only.
         removed: what the cleaning took because it lies on no surface.
         gap_share: share of the surface between wire and upper line without data; None without an upper line.
+        confidence: how far landmarks can be trusted that nobody looked at; None for given ones.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Scan:
     assumed: Float[np.ndarray, "g 3"] = field(default_factory=lambda: np.empty((0, 3)))
     removed: Float[np.ndarray, "r 3"] = field(default_factory=lambda: np.empty((0, 3)))
     gap_share: float | None = None
+    confidence: Confidence | None = None
 
     @property
     def curve(self) -> Float[np.ndarray, "c 3"] | None:
@@ -398,4 +401,5 @@ def _scan(
         assumed=bare[along_curve(bare)],
         removed=gathered.tidied.removed,
         gap_share=None if found is None else found.share,
+        confidence=breast.confidence,
     )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from brafit.anatomy.torso import TORSO_SIZE, proposed_landmarks
+from brafit.anatomy.confidence import Confidence, refusal
+from brafit.anatomy.torso import TORSO_SIZE, judged, proposals
 from brafit.cloud.read import Cloud
 from brafit.errors import InputError
 from brafit.landmarks.file import Landmarks, read_breasts
@@ -47,11 +49,14 @@ class Marked:
         whole: the scan.
         breasts: the marks of one breast or both; the first is the one that is meant if no side is named.
         units: of the files.
+        proposed: how far marks that were proposed just now can be trusted, by side; sides whose marks are impossible
+            are not among `breasts`.
     """
 
     whole: Whole
     breasts: tuple[Landmarks, ...]
     units: Units
+    proposed: Mapping[str, Confidence] = field(default_factory=dict)
 
     @property
     def cloud(self) -> Cloud:
@@ -64,10 +69,26 @@ class Marked:
         Raises:
             InputError: the side is not marked, and its marks cannot be carried over from the other.
         """
+        if side in self.proposed and self.proposed[side].faults:
+            raise refusal(self.cloud.path, [self.proposed[side]])
         found = next((marks for marks in self.breasts if side in (None, marks.side)), None)
         if found is not None:
             return found, origin_of(found)
         return self._mirrored(self.breasts[0], str(side)), "mirrored"
+
+    def confidence(self, marks: Landmarks, origin: str) -> Confidence | None:
+        """How far marks can be trusted that nobody made or looked at on this breast; None for given ones.
+
+        Raises:
+            InputError: they cannot be this breast's.
+        """
+        if origin == "given":
+            return None
+        known = self.proposed.get(marks.side) if any(marks is own for own in self.breasts) else None
+        found = known or judged(self.cloud.points, marks, self.whole.mirror, looked_at=origin == "mirrored")
+        if found is not None and found.faults:
+            raise refusal(self.cloud.path, [found], origin)
+        return found
 
     def _mirrored(self, marks: Landmarks, side: str) -> Landmarks:
         if not self.whole.is_torso:
@@ -109,8 +130,12 @@ def with_marks(raw: Cloud, marks: Path | Landmarks, units: str | None, propose: 
     stated = units or raw.unit
     unit = stated or body_unit(raw.path, raw.points)
     whole = _scaled(raw, unit)
-    proposed = proposed_landmarks(raw.path, whole.cloud.points)
-    return Marked(whole, tuple(proposed), Units(unit, unit, "" if stated else "the depth of the body"))
+    found = proposals(raw.path, whole.cloud.points)
+    confidence = {one.marks.side: one.confidence for one in found}
+    breasts = tuple(one.marks for one in found if not one.confidence.faults)
+    if not breasts:
+        raise refusal(raw.path, list(confidence.values()))
+    return Marked(whole, breasts, Units(unit, unit, "" if stated else "the depth of the body"), confidence)
 
 
 def _given(raw: Cloud, breasts: list[Landmarks], units: str | None) -> Marked:

@@ -54,11 +54,12 @@ RING = np.arange(8418, 8434)
 INNER = np.array([[16.4, 391.1, 209.8], [20.6, -28.1, 5.9], [4.4, -2.9, 1.0], [-0.3, 7.0, -0.3], [-4.2, -19.6, 2.1]])
 """The left wire's inner end on the middling body: a constant, and what cup size, weight, firmness and age add."""
 OUTER = np.array([
-    [118, 317, 180], [121, 325, 179], [127, 333, 172], [133, 341, 165], [137, 349, 160], [140, 357, 159],
-    [142, 365, 158], [144, 373, 157], [145, 382, 156], [146, 391, 156],
+    [120, 316, 181], [122, 324, 179], [126, 332, 173], [132, 340, 166], [136, 348, 161], [139, 356, 158],
+    [141, 364, 156], [143, 372, 154], [143, 380, 154], [143, 388, 154],
 ])  # fmt: skip
-"""Along the outer side of the left breast on the middling body: the outer end is on it, where it is higher than the
-inner one by TILT of the distance between the two."""
+OUTER_CUP, CUP = np.array([-0.9, 0.0, -16.0]), 0.67
+"""Along the outer side of the left breast on the middling body, and what cup size over CUP adds: the outer end is on
+it, where it is higher than the inner one by TILT of the distance between the two."""
 TILT = 0.05
 BREAST = 1.0
 """A vertex that the cup size moves farther (mm) is on a breast."""
@@ -232,7 +233,8 @@ class Bodies:
         given = np.array([1.0, *(shape[key] for key in ("cupsize", "weight", "firmness", "age"))])
         found = {}
         for side, mirror in zip(SIDES, (np.ones(3), self._mirrored), strict=True):
-            inner, *outer = self._weights(np.concatenate([(given @ INNER)[None], OUTER]) * mirror)
+            line = OUTER + (shape["cupsize"] - CUP) * OUTER_CUP
+            inner, *outer = self._weights(np.concatenate([(given @ INNER)[None], line]) * mirror)
             ends = np.stack([weights @ rest for weights in outer])
             away = ends - inner @ rest
             high = away[:, 1] >= TILT * np.linalg.norm(away, axis=1)
@@ -281,27 +283,6 @@ def smooth(
     return subdivide_loop(vertices[used], index.reshape(-1, 3), iterations=1)
 
 
-def with_legs(
-    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], length: float = 800.0, radius: float = 85.0
-) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
-    """A torso (x to the left, y up) on two cones, for legs."""
-    import trimesh
-
-    low, middle = vertices[:, 1].min(), vertices[:, [0, 2]].mean(axis=0)
-    parts = [(vertices, faces)]
-    for sign in (1.0, -1.0):
-        leg = trimesh.creation.cylinder(radius, length, sections=64).subdivide_to_size(20.0)
-        share = leg.vertices[:, 2] / length + 0.5
-        narrow = 0.55 + 0.45 * share
-        x, z = (leg.vertices[:, i] * narrow + middle[k] for k, i in enumerate((0, 1)))
-        parts.append((np.stack([x + sign * 1.05 * radius, low + length * (share - 1), z], axis=1), leg.faces))
-    starts = np.cumsum([0, *(len(part) for part, _ in parts)])[:-1]
-    return (
-        np.concatenate([part for part, _ in parts]),
-        np.concatenate([index + start for (_, index), start in zip(parts, starts, strict=True)]),
-    )
-
-
 def settled_marks(
     marks: Mapping[str, Marks | None], vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> dict[str, Marks | None]:
@@ -334,6 +315,4 @@ def _model() -> Any:
         import anny  # pyright: ignore[reportMissingImports]
     except ModuleNotFoundError:
         raise BrafitError("anny, which makes the bodies, is missing. Run: pip install 'brafit[bodies]'") from None
-    return anny.create_fullbody_model(
-        all_phenotypes=True, triangulate_faces=True, local_changes=[*LOCAL, PREGNANT], pose_parameterization="local-bone"
-    )
+    return anny.create_fullbody_model(all_phenotypes=True, triangulate_faces=True, local_changes=[*LOCAL, PREGNANT])

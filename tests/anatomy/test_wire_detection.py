@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from brafit.anatomy.body import PROTRUDING, Body
 from brafit.anatomy.crease_sections import folds, rim
-from brafit.anatomy.torso import PROTRUDING, Body, apex_of
+from brafit.anatomy.torso import apex_of
 from brafit.anatomy.wire_detection import ABOVE, BODY_UP, concavity, laid, plainness, trace
 from brafit.geometry.polyline import evenly_spaced
 from brafit.samples import sample_paths

@@ -1,0 +1,191 @@
+"""How far landmarks that nobody looked at can be trusted: evidence from the body's surface, and bounds for each piece.
+
+A piece of evidence within its usual bounds counts 1, at the edge of what is possible 0, in between in proportion; the
+confidence is that of the worst. Marks outside the usual are warned of, impossible ones are no breast's and refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from brafit.anatomy.apex import mound
+from brafit.anatomy.body import Body
+from brafit.anatomy.wire_detection import guessed_share
+from brafit.errors import InputError
+from brafit.geometry.polyline import evenly_spaced
+from brafit.surface.normals import Surface
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Between which values a piece of evidence says nothing against marks, and beyond which they are impossible.
+
+    Attributes:
+        says: the evidence in words, with `{value}`.
+        usual, possible: least and largest value.
+    """
+
+    says: str
+    usual: tuple[float, float]
+    possible: tuple[float, float] = (-np.inf, np.inf)
+
+    def confidence(self, value: float) -> float:
+        """1 within the usual, falling to 0 where it becomes impossible; outside the usual never more than 0.9."""
+        if self.usual[0] <= value <= self.usual[1]:
+            return 1.0
+        k = 0 if value < self.usual[0] else 1
+        wide = abs(self.possible[k] - self.usual[k])
+        if not np.isfinite(wide):
+            return 0.5
+        return float(np.clip(1 - abs(value - self.usual[k]) / wide, 0.0, 0.9))
+
+
+SHARES = ("guessed", "crease")
+"""Evidence that is no length."""
+BOUNDS: Mapping[str, Bound] = {
+    "rise": Bound(
+        "the body rises by {value} at the apex over what is about it, where a breast does by 13 and more",
+        (13.0, 40.0),
+        (9.5, 70.0),
+    ),
+    "apex_out": Bound("the apex is {value} from the body's middle, 60 to 145 are usual", (60.0, 145.0), (25.0, 170.0)),
+    "inner_out": Bound(
+        "the wire's inner end is {value} outwards of the body's middle, 0 to 45 are usual", (0.0, 45.0), (-25.0, 80.0)
+    ),
+    "wire": Bound("the wire is {value} long, wires are 150 to 350 mm", (165.0, 300.0), (150.0, 350.0)),
+    "guessed": Bound("no crease shows along {value} of the wire", (0.0, 0.4), (0.0, 0.93)),
+    "apex_off": Bound("the apex is {value} off the surface", (0.0, 7.0), (0.0, 25.0)),
+    "wire_off": Bound("a fifth of the wire is {value} and more off the surface", (0.0, 9.0), (0.0, 40.0)),
+    "end_off": Bound("an end of the wire is {value} off the surface", (0.0, 12.0), (0.0, 60.0)),
+    "crease": Bound(
+        "the two sides disagree: the crease under this one is {value} as deep as that under the other",
+        (0.5, 1.0),
+        (0.2, 2.0),
+    ),
+    "level": Bound("the two sides disagree: one apex is {value} higher than the other", (0.0, 20.0), (0.0, 60.0)),
+    "mirrored": Bound("the two sides disagree: the apexes are {value} from being mirror images", (0.0, 35.0)),
+    "wires": Bound("the two sides disagree: the wires are up to {value} from being mirror images", (0.0, 18.0)),
+}
+"""By the name of the evidence; lengths in mm. Read off 60 parametric bodies of the kinds of `scripts/check_bodies.py`
+(other seeds) and scans of 14 breasts:
+
+| | on breasts | elsewhere |
+| --- | --- | --- |
+| rise | 14 to 28 (half a breast: 12) | men 2 to 6, a missing breast 4 to 11, shoulder blades 9 to 13 |
+| apex_out | 70 to 131 | a missing breast 30 to 194 |
+| inner_out | 2 to 39 | |
+| wire | 170 to 290 | |
+| guessed | 0 to 0.4; very small breasts to 0.55 | men and missing breasts 0.6 to 1 |
+| apex_off, wire_off, end_off | to 4, 4, 9 | wires that went astray 18 and more |
+| crease | 0.6 to 1; beside half a breast 0.34 | a missing breast 0 to 0.17 |
+| level | to 8 | 60 to 140 beside a missing breast |
+| mirrored | to 3; beside half a breast 25 to 46 | |
+| wires | to 16; beside half a breast 20 to 86 | 21 and more where one end is off by more than 30 |
+"""
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """What speaks for the landmarks of one breast.
+
+    Attributes:
+        side: of the breast.
+        evidence: its pieces, by the names of BOUNDS.
+    """
+
+    side: str
+    evidence: Mapping[str, float]
+
+    @property
+    def value(self) -> float:
+        """0 (impossible) to 1 (all is as usual): that of the worst piece."""
+        return min((BOUNDS[key].confidence(value) for key, value in self.evidence.items()), default=1.0)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What is unusual, worst first."""
+        found = {key: BOUNDS[key].confidence(value) for key, value in self.evidence.items()}
+        return tuple(self._said(key) for key in sorted(found, key=lambda key: found[key]) if found[key] < 1)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What is impossible."""
+        found = self.evidence.items()
+        return tuple(self._said(key) for key, value in found if BOUNDS[key].confidence(value) <= 0)
+
+    def _said(self, key: str) -> str:
+        value = self.evidence[key]
+        shown = f"{100 * value:.0f} %" if key in SHARES else f"{value:.0f} mm"
+        return BOUNDS[key].says.format(value=shown, side=self.side)
+
+
+def evidence(
+    surface: Surface, body: Body, side: str, apex: Float[np.ndarray, "3"], wire: Float[np.ndarray, "k 3"]
+) -> dict[str, float]:
+    """What the surface about a breast says of its apex and wire (inner end first), all in the scan's frame, mm."""
+    off = np.asarray(surface.tree.query(wire)[0])
+    return {
+        "rise": mound(surface, surface.points[surface.tree.query(apex)[1]]),
+        "apex_out": float(body.away(apex, side)),
+        "inner_out": float(body.away(wire[0], side)),
+        "wire": float(np.linalg.norm(np.diff(wire, axis=0), axis=1).sum()),
+        "guessed": guessed_share(surface, wire),
+        "apex_off": float(surface.tree.query(apex)[0]),
+        "wire_off": float(np.quantile(off, 0.8)),
+        "end_off": float(off[[0, -1]].max()),
+    }
+
+
+def compared(
+    body: Body,
+    apexes: Mapping[str, Float[np.ndarray, "3"]],
+    wires: Mapping[str, Float[np.ndarray, "k 3"]],
+) -> dict[str, float]:
+    """How the two sides agree."""
+    left = body.left
+
+    def image(points: np.ndarray) -> np.ndarray:
+        return points - 2 * (points @ left - body.offset)[..., None] * left
+
+    one, other = (evenly_spaced(line, 51) for line in (wires["left"], image(wires["right"])))
+    return {
+        "level": abs(float((apexes["left"] - apexes["right"]) @ body.up)),
+        "mirrored": float(np.linalg.norm(apexes["left"] - image(apexes["right"]))),
+        "wires": float(np.linalg.norm(one - other, axis=1).max()),
+    }
+
+
+def refusal(path: Path, found: Sequence[Confidence], how: str = "proposed") -> InputError:
+    """The error of marks that are impossible.
+
+    Args:
+        found: of all sides that there are marks of, each with faults.
+        how: where the marks are from, `proposed` or `mirrored`.
+    """
+    side = "" if len(found) > 1 else f"{found[0].side} "
+    faults = "; ".join(dict.fromkeys(fault for one in found for fault in one.faults))
+    if any("rise" in one.evidence and BOUNDS["rise"].confidence(one.evidence["rise"]) <= 0 for one in found):
+        remedy = "If there is one, mark it by hand; a scan of a standing torso from all sides shows it best"
+        return InputError(path, f"no {side}breast was found: {faults}", remedy)
+    if how == "mirrored":
+        cause = f"the other side's marks, mirrored, are not those of the {side}breast: {faults}"
+        return InputError(path, cause, f"Add the {side}breast to the landmark file: breasts: [...]")
+    cause = f"the landmarks proposed for the {side}breast are not plausible: {faults}"
+    return InputError(path, cause, "Mark them by hand: brafit-inspect draws the body, and writes a file to correct")
+
+
+def doubt(found: Confidence, how: str = "proposed") -> str:
+    """The warning of marks that are unusual, in one line; empty where they are not.
+
+    Args:
+        how: where the marks are from, `proposed` or `mirrored`.
+    """
+    if not found.doubts:
+        return ""
+    told = f"the landmarks are {how}, and doubtful (confidence {found.value:.1f})"
+    return f"{told}: {'; '.join(found.doubts)}. Look at them with brafit-inspect, mark by hand what is wrong"
