@@ -1,9 +1,9 @@
 """How well landmarks are proposed on bodies of every kind: `python scripts/check_bodies.py --write docs/proposals.md`.
 
 Bodies are made by `brafit.simulation.bodies`, which knows where bust point and wire ends are, and scanned by
-`brafit.simulation.scanner`. Both sides of each are loaded as `brafit scan.propose=true scan.side=both` does. A breast is
-`wrong` where the apex is off by more than APEX_LIMIT or an end of the wire by more than ENDS_LIMIT, and where there is no
-breast; wrong ones must be refused or warned of. The exit status is 1 where one is not.
+`brafit.simulation.scanner`. Both sides of each are loaded as `brafit scan.propose=true scan.side=both` does. Landmarks
+are wrong where the apex is off by more than APEX_LIMIT or an end of the wire by more than ENDS_LIMIT, and where there
+is no breast; wrong ones must be refused or warned of. The exit status is 1 where one is not.
 """
 
 from __future__ import annotations
@@ -144,15 +144,12 @@ def _line(one: Outcome) -> str:
 
 def report(found: Sequence[Outcome], command: str) -> str:
     """The tables, in Markdown."""
+    kinds = [kind for kind in KINDS if any(one.kind == kind for one in found)]
     rows = [
         "| kind | breasts | ok | warned of | refused | apex off: median, 95 %, largest | ends off: median, largest "
         "| no breast: refused, warned of, ok | wrong and not warned of |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-        *(
-            _row(kind, [one for one in found if one.kind == kind])
-            for kind in KINDS
-            if any(o.kind == kind for o in found)
-        ),
+        *(_row(kind, [one for one in found if one.kind == kind]) for kind in kinds),
         _row("all", found),
     ]
     reasons = Counter(_plain(one.reason) for one in found if one.reason)

@@ -32,7 +32,9 @@ from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.normals import Surface, settle
 from brafit.surface.symmetry import Mirror
 
-OF_WIRES = ("wire", "guessed", "inner_out")
+ARM = 12.0
+"""What is so much (mm) farther outwards than the wire may be an arm: no neckline is laid on it."""
+OF_WIRES = ("wire", "guessed", "inner_out", "outer_back")
 """Evidence that is of a wire's shape alone."""
 WHOLE = 60_000
 """Points of a body that are looked at."""
@@ -221,8 +223,10 @@ def _breast(points: np.ndarray, body: Body, side: str, apex: np.ndarray, surface
     apex = nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side)
     wire = _on_its_side(_wire(surface, apex, body, side), body, side)
     front = facing(wire.wire, body.front)
-    strap = _strap(surface, wire.wire, apex, _shoulder(points, apex, body, side), front, body)
-    upper = neckline_over(surface, wire.wire[0], strap, wire.wire[-1], front)
+    beside = float(body.away(wire.wire, side).max()) + ARM
+    trunk = surface.select(body.away(surface.points, side) < beside)
+    strap = _strap(trunk, wire.wire, apex, _shoulder(points, apex, body, side), front, body)
+    upper = neckline_over(trunk, wire.wire[0], strap, wire.wire[-1], front)
     return _Breast(side, apex, wire, strap, upper, surface)
 
 

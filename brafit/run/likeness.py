@@ -11,6 +11,7 @@ Lengths are taken as shares of the wire's. Measured on 21 shared and bundled sca
 | depth of the points before the wire's plane | 0.20 to 0.42 | below 0.1, above 0.6 | below 0.04, above 1 |
 | points farther behind that plane than 0.05 | none | above 2 % | above 20 % |
 | length of the wire | 186 to 290 mm | below 150, above 350 mm | see `brafit.landmarks.plausibility` |
+| cup away from all points, of landmarks proposed or mirrored | 0 to 10 % | above 15 % | above 30 % |
 | surface between wire and upper line without points | 0 to 15 % | above 10 % | see `brafit.scan.load` |
 
 For comparison, points on the faces of a box give an RMS of 0.17. The largest distance refuses nothing, since a single
@@ -27,6 +28,7 @@ import numpy as np
 from brafit.anatomy.confidence import doubt
 from brafit.fitting import CupFit, ResultCode
 from brafit.landmarks.plausibility import polyline_length
+from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
 
 BEHIND = 0.05
@@ -88,13 +90,19 @@ BOUNDS: Mapping[str, Bound] = {
         "check the landmarks and their unit (scan.units): brafit-inspect draws them",
         (150.0, 350.0),
     ),
+    "uncovered": Bound(
+        "the landmarks that nobody looked at are not plausible: {value} of their cup lies away from all points",
+        f"{LOOK}, and mark by hand what is wrong",
+        (0.0, 0.15),
+        (0.0, 0.3),
+    ),
     "gap": Bound(
         "{value} of the surface between wire and upper line has no points, the cup is a guess there",
         "scan the breast again, from below as well, or check wire and upper line with brafit-inspect",
         (0.0, 0.1),
     ),
 }
-_SHARES = ("behind", "gap")
+_SHARES = ("behind", "gap", "uncovered")
 
 
 def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
@@ -103,6 +111,8 @@ def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
     height = scan.points[:, 2] / length
     found = {key: fit.figures[f"{key}_mm"] / length for key in ("rms", "p95", "max")}
     found |= {"depth": float(height.max()), "behind": float((height < -BEHIND).mean()), "wire": length}
+    if scan.confidence is not None:
+        found["uncovered"] = uncovered_share(fit.shape, scan.dense)
     return found if scan.gap_share is None else found | {"gap": scan.gap_share}
 
 
