@@ -134,10 +134,11 @@ def evidence(
 ) -> dict[str, float]:
     """What the surface about a breast says of its apex and wire (inner end first), all in the scan's frame, mm."""
     off = np.asarray(surface.tree.query(wire)[0])
+    apex_out, inner_out = body.away(np.stack([apex, wire[0]]), side)
     return {
         "rise": mound(surface, surface.points[surface.tree.query(apex)[1]]),
-        "apex_out": float(body.away(apex, side)),
-        "inner_out": float(body.away(wire[0], side)),
+        "apex_out": float(apex_out),
+        "inner_out": float(inner_out),
         "wire": float(np.linalg.norm(np.diff(wire, axis=0), axis=1).sum()),
         "outer_back": float((apex - wire[-1]) @ body.front),
         "guessed": guessed_share(surface, wire),

@@ -199,7 +199,7 @@ def _best(points: np.ndarray) -> Body:
 
 def _rise(body: Body, side: str, apex: np.ndarray, surface: Surface) -> float:
     """How high (mm) an apex lies over what is about it, less by how much it is beside the trunk."""
-    return mound(surface, apex) - float(np.clip(body.away(apex, side) - BREAST_OUT[1], 0, None))
+    return mound(surface, apex) - max(float(body.away(apex[None], side)[0]) - BREAST_OUT[1], 0.0)
 
 
 def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
@@ -301,7 +301,7 @@ def _shoulder(points: np.ndarray, apex: np.ndarray, body: Body, side: str) -> np
     if there.sum() >= 20:
         top = np.quantile(rise[there], 0.99)
         back = np.median(depth[there & (rise > top - 4)])
-    beyond = SHOULDER_OUT - float(body.away(apex, side))
+    beyond = SHOULDER_OUT - float(body.away(apex[None], side)[0])
     return apex + beyond * outwards + np.clip(top, *SHOULDER_UP) * up + np.clip(back, *SHOULDER_BACK) * front
 
 
