@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,24 +20,12 @@ from brafit.anatomy import proposed_landmarks
 from brafit.atomic import write_bytes, write_text
 from brafit.cloud.mesh import sample_faces
 from brafit.cloud.ply import cloud_ply
-from brafit.errors import BrafitError
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text
 from brafit.landmarks.file import SIDES
+from brafit.simulation.bodies import KINDS, Bodies
 from brafit.simulation.scanner import Scanner, holes, simulate
 from brafit.simulation.synthetic import quarter_sphere
 
-RANGES = {
-    "age": (0.6, 0.95),
-    "weight": (0.3, 0.75),
-    "height": (0.3, 0.7),
-    "muscle": (0.4, 0.6),
-    "proportions": (0.4, 0.7),
-    "cupsize": (0.3, 0.95),
-    "firmness": (0.3, 0.9),
-}
-"""Where the shape parameters of adult women are drawn from."""
-TORSO, HALF_WIDTH = (0.58, 0.88), 260.0
-"""The part of the body's height, and the distance from the midline (mm), that are kept."""
 DENSE = 200_000
 RADII = (45.0, 85.0)
 """Of the spheres, mm."""
@@ -55,9 +42,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--outliers", type=float, default=0.01, help="share of stray points (0.01)")
     parser.add_argument("--holes", type=int, default=0, help="round holes of 8 to 20 mm radius (0)")
     parser.add_argument("--high", action="store_true", help="cameras above only: shadow under the breast")
+    parser.add_argument("--kind", choices=tuple(KINDS), default="plain", help="of body (plain: standing torsos)")
     parser.add_argument("--spheres", action="store_true", help="quarter spheres instead of bodies")
     options = parser.parse_args(arguments)
-    model = None if options.spheres else bodies()
+    model = None if options.spheres else Bodies()
     for k in range(options.count):
         random = np.random.default_rng((options.seed, k))
         if options.spheres:
@@ -67,7 +55,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             write_text(options.out / f"{name}.json", landmarks_text([marks]))
             print(f"{options.out / name}.ply: radius {radius:.1f} mm, {marks.side}")
             continue
-        vertices, faces, parameters = torso(model, random)
+        assert model is not None
+        body = model.body(KINDS[options.kind], random)
+        vertices, faces = body.vertices, body.faces
         name = f"body_{k + 1:04d}"
         dense = sample_faces(vertices, faces, DENSE)
         marks = proposed_landmarks(options.out / f"{name}.ply", dense)
@@ -76,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         cloud = simulate(vertices, faces, scanner, random)
         write_bytes(options.out / f"{name}.ply", cloud_ply(cloud))
         write_text(options.out / f"{name}.json", landmarks_text(marks))
-        shown = ", ".join(f"{key} {value:.2f}" for key, value in parameters.items())
+        shown = ", ".join(f"{key} {value:.2f}" for key, value in body.parameters.items())
         print(f"{options.out / name}.ply: {shown}")
 
 
@@ -101,39 +91,6 @@ def sphere(options: argparse.Namespace, path: Path, random: np.random.Generator)
     marks = Landmarks(landmarks_path(path), path.stem, side, wire, upper, named, "mm")
     cloud = random.permutation(np.concatenate([measured, stray]))
     return cloud @ turn.T + shift, marks.mapped(lambda p: p @ turn.T + shift), radius
-
-
-def bodies() -> Any:
-    """The model of bodies.
-
-    Raises:
-        BrafitError: anny is not installed.
-    """
-    try:
-        import anny  # pyright: ignore[reportMissingImports]
-    except ModuleNotFoundError:
-        raise BrafitError("anny, which makes the bodies, is missing. Run: pip install 'brafit[bodies]'") from None
-    return anny.create_fullbody_model(all_phenotypes=True, triangulate_faces=True)
-
-
-def torso(model: Any, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
-    """Vertices (mm; x to the wearer's left, y up, z to the front) and triangles of a torso, and its parameters."""
-    import torch
-
-    parameters = {key: float(random.uniform(*limits)) for key, limits in RANGES.items()}
-    with torch.no_grad():
-        body = model(phenotype_kwargs={"gender": 1.0, **parameters})["vertices"][0].double().cpu().numpy()
-    # anny has metres, z up and y to the back.
-    vertices = 1000.0 * np.stack([body[:, 0], body[:, 2], -body[:, 1]], axis=1)
-    faces = model.faces.cpu().numpy()
-    used = np.unique(faces)
-    height = vertices[:, 1]
-    low = height[used].min()
-    share = (height - low) / (height[used].max() - low)
-    kept = (share > TORSO[0]) & (share < TORSO[1]) & (np.abs(vertices[:, 0]) < HALF_WIDTH)
-    faces = faces[kept[faces].all(axis=1)]
-    used, index = np.unique(faces, return_inverse=True)
-    return vertices[used], index.reshape(-1, 3), parameters
 
 
 if __name__ == "__main__":

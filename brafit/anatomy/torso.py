@@ -47,7 +47,7 @@ GORE = 20.0
 it keeps to its side. In 14 breasts wires end 9 to 28 mm from it."""
 STRAP_UP = 1.002
 """The strap point's height above the wire's bottom, over the span: in 14 breasts within 0.004."""
-RISES, RISE_SPREAD = 0.003, 6.0
+RISES, RISE_SPREAD, RISEN = 0.003, 6.0, 18.0
 """What a millimetre of an apex's height counts in telling front from back, against concavity: breasts rise by 14 mm and
 more, shoulder blades by 13 at most. An apex so much (mm) lower than the highest is no breast's."""
 NECK = 0.0006
@@ -198,8 +198,10 @@ def _best(points: np.ndarray) -> Body:
 
 
 def _rise(body: Body, side: str, apex: np.ndarray, surface: Surface) -> float:
-    """How high (mm) an apex lies over what is about it, less by how much it is beside the trunk."""
-    return mound(surface, apex) - max(float(body.away(apex[None], side)[0]) - BREAST_OUT[1], 0.0)
+    """How high (mm) an apex lies over what is about it, less by how much it is beside the trunk. More than RISEN says
+    no more: the edge of a scan may look so.
+    """
+    return min(mound(surface, apex), RISEN) - max(float(body.away(apex[None], side)[0]) - BREAST_OUT[1], 0.0)
 
 
 def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:

@@ -48,8 +48,8 @@ of ends that are given."""
 KEPT = 1.0
 """Weight of the first placing where without it the line went astray, as it does where a crease hardly shows, or runs
 nearly straight (in underwear), so that a much larger circle fits it."""
-LONGEST, ASTRAY, ASHORE, WIDEST, UNSHOWN = 310.0, 60.0, 12.0, 165.0, 0.3
-"""Such a line is longer than LONGEST (mm; the wires of 14 breasts: 186 to 273), or somewhere ASTRAY mm from the first
+LONGEST, FARTHEST, ASHORE, WIDEST, UNSHOWN = 310.0, 60.0, 12.0, 165.0, 0.3
+"""Such a line is longer than LONGEST (mm; the wires of 14 breasts: 186 to 273), or somewhere FARTHEST mm from the first
 placing, or a fifth of it is ASHORE mm from the surface, or its ends are WIDEST mm apart (13 of 14: 127 to 155) though
 more than the share UNSHOWN of it shows no crease."""
 FLAT = 0.02
@@ -129,7 +129,7 @@ def _astray(surface: Surface, wire: np.ndarray, start: np.ndarray, guessed: floa
     """Whether a wire left the place where it was first laid, or the surface."""
     span, away = float(np.linalg.norm(wire[-1] - wire[0])), KDTree(start).query(wire)[0].max()
     wide = span > WIDEST and guessed > UNSHOWN
-    return bool(_length(wire) > LONGEST or away > ASTRAY or _ashore(surface, wire) or wide)
+    return bool(_length(wire) > LONGEST or away > FARTHEST or _ashore(surface, wire) or wide)
 
 
 def _ashore(surface: Surface, line: np.ndarray) -> bool:
