@@ -69,8 +69,9 @@ class Marked:
         Raises:
             InputError: the side is not marked, and its marks cannot be carried over from the other.
         """
-        if side in self.proposed and self.proposed[side].faults:
-            raise refusal(self.cloud.path, [self.proposed[side]])
+        known = self.proposed.get(side) if side is not None else None
+        if known is not None and known.faults:
+            raise refusal(self.cloud.path, [known])
         found = next((marks for marks in self.breasts if side in (None, marks.side)), None)
         if found is not None:
             return found, origin_of(found)

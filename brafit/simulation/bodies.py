@@ -226,7 +226,7 @@ class Bodies:
             kept = (share > CHEST[0]) & (share < CHEST[1]) & (np.abs(rest[:, 0]) < CHEST_WIDTH)
             middle = (rest[kept, 2].min() + rest[kept, 2].max()) / 2
             kept &= rest[:, 2] > middle + BEHIND
-        return kept[self.faces].all(axis=1)
+        return np.asarray(kept[self.faces].all(axis=1))
 
     def _places(self, rest: np.ndarray, shape: Mapping[str, float]) -> dict[str, dict[str, np.ndarray]]:
         """The marks of both sides as weights of the vertices."""

@@ -27,7 +27,7 @@ def test_keys_are_those_of_the_specification():
         "wire_length_mm wire_smoothing_mm wire_drift_mm "
         "nearest_wire nearest_wire_length_diff_mm nearest_wire_span_diff_mm "
         "twist_deg_max regularity_min isometry_mm seam_mismatch_mm "
-        "iterations seconds warning_count"
+        "iterations seconds landmark_confidence warning_count"
     )
 
 
