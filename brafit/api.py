@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +30,7 @@ def fit(
     apex: ArrayLike | None = None,
     inside: ArrayLike | None = None,
     name: str | None = None,
-    settings: Sequence[str] = (),
+    settings: str | Sequence[str] = (),
     callback: Callback | None = None,
 ) -> Result:
     """Fit a cup to a scan: checked, cleaned, fitted and judged as the command does it, with the same numbers.
@@ -46,7 +47,8 @@ def fit(
             neckline.
         name: for labels and files; that of the scan or the file if it is not given.
         settings: as on the command line: `["cup.panels=3", "pattern.allowance.wire=8"]`. `scan.points=null` and
-            `scan.outliers=null` keep all points; `scan.units=in` says that points and marks are in inches.
+            `scan.outliers=null` keep all points; `scan.units=in` says that points and marks are in inches. A `Scan` is
+            fitted as it was loaded: what begins with `scan.` is for `load_scan` then.
         callback: told of every step of the fit.
 
     Raises:
@@ -58,6 +60,7 @@ def fit(
     from brafit.scan import Scan, load_scan
     from brafit.settings.compose import choices_of, from_settings, plain_settings
 
+    settings = [settings] if isinstance(settings, str) else settings
     recipe = recipe_from_settings(plain_settings(from_settings([*settings, "out=unused"])), choices_of(settings))
     arrays = {
         "wire": wire,
@@ -67,7 +70,9 @@ def fit(
         "inside": inside,
     }
     if isinstance(points, Scan | str | Path):
-        _refuse_beside(points, arrays | ({"side": side} if isinstance(points, Scan) else {}))
+        own = [text.partition("=")[0] for text in settings if text.startswith("scan.")]
+        loaded = {"side": side, **dict.fromkeys(own, True)} if isinstance(points, Scan) else {}
+        _refuse_beside(points, arrays | loaded)
         scan = points if isinstance(points, Scan) else load_scan(points, side=side, **recipe.scan)
         scan = scan if name is None else replace(scan, name=name)
     else:
@@ -100,10 +105,17 @@ def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str,
     try:
         return load_scan(Cloud(Path("points"), cloud, None, flag), name=name, landmarks=marks, **given)
     except InputError as error:
-        if "runs the wrong way round" not in error.cause:
-            raise
-        remedy = "Points of a Scan are in its cup frame, where right breasts are mirrored: give brafit.fit the scan"
-        raise InputError(error.file, error.cause, f"{error.remedy}. {remedy}") from None
+        if "runs the wrong way round" in error.cause:
+            other = "right" if side == "left" else "left"
+            own = (
+                "points of a Scan are in its cup frame, where right ones are mirrored: give brafit.fit the scan itself"
+            )
+            remedy = f'Give side="{other}", or the wire from its inner to its outer end; {own}'
+            raise InputError(error.file, error.cause, remedy) from None
+        if unit := re.search(r"scan\.units=(\w+)", error.remedy):
+            remedy = f'Give points and marks in millimetres, or settings=["{unit[0]}"] if all are in that unit'
+            raise InputError(error.file, error.cause, remedy) from None
+        raise
 
 
 def _marks(arrays: Mapping[str, Any], side: str, name: str) -> Landmarks:

@@ -30,7 +30,10 @@ ALL_OK, SOME_FAILED, NOTHING_RAN = 0, 1, 2
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry of the console script; exit status as `brafit`'s."""
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if mistaken := [text for text in options.scans if "=" in text and not Path(text).exists()]:
+        parser.error(f"{mistaken[0]}: takes no settings; what is not marked is proposed. --side, --units, --wire")
     print_anything()
     try:
         paths = find_scans(options.scans, propose=True)

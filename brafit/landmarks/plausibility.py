@@ -75,7 +75,9 @@ def _check_wire_length(file: Path, length: float) -> None:
     cause = f"wire: {length:.4g} mm long, it must be {low:g} to {high:g} mm"
     unit = unit_of(length, WIRE_LENGTH, WIRE_USUAL)
     if unit:
-        raise InputError(file, cause, f'It looks like {NAMES[unit]}: write "units": "{unit}", or set scan.units={unit}')
+        both = f'write "units": "{unit}", or set scan.units={unit}, if the cloud is in {NAMES[unit]} too'
+        remedy = f'It looks like {NAMES[unit]}: {both}; take "units" out of {file.name} if only the landmarks are'
+        raise InputError(file, cause, remedy)
     remedy = "Check the unit, and that the points are in order from the inner to the outer end"
     raise InputError(file, cause, remedy)
 
@@ -133,7 +135,7 @@ def check_whole_wire(landmarks: Landmarks, points: Float[np.ndarray, "n 3"], lar
     assert landmarks.wire is not None
     size, length = float(np.linalg.norm(np.ptp(points, axis=0))), polyline_length(landmarks.wire)
     if largest * length < size <= ONE_BREAST and _bow(landmarks.wire) < BOW:
-        what = f"it is {length:.0f} mm long, the breast {size:.0f} mm across"
+        what = f"it is {length:.0f} mm long and hardly bent, the points reach over {size:.0f} mm"
         remedy = "Trace the whole crease, from its inner to its outer end"
         raise InputError(landmarks.path, f"wire: it covers only a part of the breast's line: {what}", remedy)
 

@@ -355,7 +355,8 @@ def _notes(
     proposed = breast.marks_origin == "proposed"
     if breast.marks_origin != "given" or breast.wire_origin != "given":
         how = f"landmarks {breast.marks_origin}, wire {breast.wire_origin}"
-        share = "" if breast.guessed is None else f" ({100 * breast.guessed:.0f} % of it guessed)"
+        guess = "off the crease" if breast.wire_origin.startswith("size") else "guessed, no crease shows there"
+        share = "" if breast.guessed is None else f" ({100 * breast.guessed:.0f} % of it {guess})"
         doubt = f", {DOUBT}" if proposed else ""
         notes.append(f"{how}{share}{doubt}: look at them, brafit-inspect draws them")
     if proposed and not chosen:

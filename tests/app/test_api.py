@@ -120,7 +120,12 @@ def test_settings_are_the_commands() -> None:
         (BALL, WIRE[:2], "left", "wire.*fewer than 4"),
         (BALL, None, "left", "wire: is not given"),
         (BALL, WIRE, "middle", "side"),
-        (BALL / 25.4, WIRE / 25.4, "left", r"landmarks: wire: \d\.\d+ mm long.*It looks like inches.*scan\.units=in"),
+        (
+            BALL / 25.4,
+            WIRE / 25.4,
+            "left",
+            r"landmarks: wire: \d\.\d+ mm long.*Give points and marks in mill.*scan\.units=in",
+        ),
         (BALL + np.array((0, 0, 500)), WIRE, "left", r"landmarks: wire: nowhere near the cloud, \d{3} mm away from it"),
         (BALL, WIRE, "right", "runs the wrong way round.*give brafit.fit the scan"),
     ],
@@ -142,6 +147,8 @@ def test_a_scan_has_marks_of_its_own() -> None:
         brafit.fit(path, wire=WIRE)
     with pytest.raises(InputError, match=r"side: given beside a scan\."):
         brafit.fit(load_scan(path), side="left")
+    with pytest.raises(InputError, match=r"scan\.points: given beside a scan\."):
+        brafit.fit(load_scan(path), settings="scan.points=500")
 
 
 def mirrored(path: Path, folder: Path) -> Path:

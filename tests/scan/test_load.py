@@ -133,7 +133,8 @@ def test_missing_cloud_and_missing_landmark_file(tmp_path):
         (
             {"wire": cup_frame_landmarks()["wire"] / 1000},
             "wire: 0.2041 mm long, it must be 80 to 600 mm. "
-            'It looks like metres: write "units": "m", or set scan.units=m.',
+            'It looks like metres: write "units": "m", or set scan.units=m, if the cloud is in metres too; '
+            'take "units" out of breast.json if only the landmarks are.',
         ),
         (
             {"wire": cup_frame_landmarks()["wire"] * 10},
