@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
-from brafit.cup.wire import LENGTH, Wire
+from brafit.cup.wire import LENGTH, Lines, Wire
 from brafit.geometry.curve import gauss_points, integrate_curve
 from brafit.geometry.developable import (
     curvature_vector,
@@ -49,19 +49,24 @@ class FramesCup(Cup):
     _at_gauss: Tensor
     _wire_lines: Tensor
 
-    def __init__(self, wire: Wire, panels: int = 2, terms: int = 6, stations: int = 101, basis: str = "cosine"):
+    def __init__(
+        self, wire: Wire | Lines, panels: int = 2, terms: int = 6, stations: int = 101, basis: str = "cosine"
+    ):
         super().__init__(wire, panels, stations)
         self.terms, self.basis = terms, basis
-        like = wire.coefficients
-        self.coefficients = nn.Parameter(like.new_zeros(len(wire), panels, 3, terms))
-        self.turn = nn.Parameter(like.new_zeros(len(wire), panels, 3))
-        frames = torch.eye(3, dtype=like.dtype, device=like.device).expand(len(wire), panels, 3, 3)
+        like = self.stations
+        self.coefficients = nn.Parameter(like.new_zeros(self.batch, panels, 3, terms))
+        self.turn = nn.Parameter(like.new_zeros(self.batch, panels, 3))
+        frames = torch.eye(3, dtype=like.dtype, device=like.device).expand(self.batch, panels, 3, 3)
         self.register_buffer("reference", frames.clone())
         s = self.stations
         self.register_buffer("_at_stations", ritz_basis(basis, terms, s / LENGTH), persistent=False)
         at_gauss = ritz_basis(basis, terms, gauss_points(s).flatten() / LENGTH)
         self.register_buffer("_at_gauss", at_gauss, persistent=False)
-        wire_lines = torch.stack([wire.sample(s, k) for k in range(3)])
+        self.read_wire()
+
+    def read_wire(self) -> None:
+        wire_lines = torch.stack([self.wire.sample(self.stations, k) for k in range(3)])
         self.register_buffer("_wire_lines", wire_lines, persistent=False)
 
     @property
