@@ -28,6 +28,10 @@ SHARE = 0.27
 """How much the unfairness of these cups counts beside that of strips: their panels are not developable yet."""
 
 
+STEP = 1 / 16
+"""Of all parameters, see `Cup.steps`: rates and first frames turn a whole edge."""
+
+
 class FramesCup(Cup):
     """Cups whose edges above the wire are integrated from (omega_xi, omega_eta, v) and an initial frame each.
 
@@ -38,7 +42,7 @@ class FramesCup(Cup):
         stations: samples along the wire.
         basis: Ritz basis, see `brafit.geometry.ritz`.
 
-    Parameters:
+    Parameters, as multiples of `steps`:
         coefficients (B, panels, 3, terms): Ritz coefficients of omega_xi, omega_eta and v, with s' = v^2 and
             omega_zeta = 0.
         turn (B, panels, 3): rotation vector that turns the reference frame (a buffer set by `start`) into Phi_0.
@@ -109,6 +113,10 @@ class FramesCup(Cup):
         turn = free.new_ones(3 * self.panels)
         return torch.cat((free.flatten(), turn)).nonzero()[:, 0]
 
+    @property
+    def steps(self) -> Float[Tensor, " size"]:
+        return self.stations.new_full((self.size,), STEP)
+
     def ends(self, shape: CupShape) -> Float[Tensor, "batch m"]:
         """Gap between each edge's end and the wire's end, (38), (39)."""
         return (shape.edges[:, 1:, -1] - shape.edges[:, :1, -1]).flatten(1)
@@ -148,10 +156,11 @@ class FramesCup(Cup):
         zeta = sine * outward + cosine * along
         xi = sine * along - cosine * outward
         self.reference.copy_(torch.stack((xi, torch.linalg.cross(zeta, xi), zeta), dim=-1))
-        self.coefficients.zero_()
-        self.coefficients[:, :, 1, 0] = 1 / radius
-        self.coefficients[:, :, 2, 0] = (arc / LENGTH).sqrt()
-        self.turn.zero_()
+        flat = self.reference.new_zeros(self.batch, self.size)
+        coefficients = self.split(flat)["coefficients"]
+        coefficients[:, :, 1, 0] = 1 / radius
+        coefficients[:, :, 2, 0] = (arc / LENGTH).sqrt()
+        self.load_flat(flat)
 
     def select(self, index: Tensor) -> "FramesCup":
         return self._on(self.wire.select(index), index)

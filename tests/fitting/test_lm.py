@@ -232,8 +232,8 @@ def test_impossible_stages_are_refused():
 
 def test_strips_need_no_closing():
     cup = StripsCup(half_circle())
-    assert cup.closure(cup.shape()) is None
-    assert cup.constraints(cup.shape()) == {}
+    assert cup.closure(cup.sketch(cup.flatten())) is None
+    assert cup.constraints(cup.sketch(cup.flatten())) == {}
 
 
 def test_the_neckline_weighs_more_only_where_the_upper_edge_is_too_far():

@@ -67,7 +67,7 @@ def objective(targets: list[Target], conditions: Conditions = EVERYTHING, panels
 
 def pressure(problem: Objective) -> Pressure:
     """With multipliers."""
-    constraints = problem.constraints(problem.cup.shape())
+    constraints = problem.constraints(problem.cup.sketch(problem.cup.flatten()))
     generator = torch.Generator().manual_seed(1)
     multipliers = {k: torch.randn(v.shape, generator=generator, dtype=v.dtype) for k, v in constraints.items()}
     return Pressure(7.0, multipliers)
