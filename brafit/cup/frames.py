@@ -53,9 +53,7 @@ class FramesCup(Cup):
     _at_gauss: Tensor
     _wire_lines: Tensor
 
-    def __init__(
-        self, wire: Wire | Lines, panels: int = 2, terms: int = 6, stations: int = 101, basis: str = "cosine"
-    ):
+    def __init__(self, wire: Wire | Lines, panels: int = 2, terms: int = 6, stations: int = 101, basis: str = "cosine"):
         super().__init__(wire, panels, stations)
         self.terms, self.basis = terms, basis
         like = self.stations

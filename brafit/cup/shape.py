@@ -91,9 +91,7 @@ class CupShape:
     def scaled(self, scale: Float[Tensor, "*batch"]) -> "CupShape":
         """The cups with every length times `scale`; s stays as it is."""
         edges, panels = scale[..., None, None, None], scale[..., None, None]
-        return replace(
-            self, edges=self.edges * edges, tangents=self.tangents * edges, geodesic=self.geodesic / panels
-        )
+        return replace(self, edges=self.edges * edges, tangents=self.tangents * edges, geodesic=self.geodesic / panels)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> "CupShape":
         """The shape with `function` applied to every batched tensor (for indexing, detaching, moving)."""

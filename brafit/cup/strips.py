@@ -54,7 +54,7 @@ PLAIN: dict[str, dict[str, tuple[float, ...]]] = {
 breasts with two and three panels. Fits of different breasts differ little in them, and data say little about them."""
 PLAIN_ORDER = 5.0
 """From about this order on terms count ever more."""
-STEP_ORDER = 2.5
+STEP_ORDER = 3.0
 """From about this order on terms change a cup ever more."""
 BUMP_SECOND = -8 / LENGTH**2
 """Second derivative of 1 - x^2 by s."""

@@ -250,7 +250,7 @@ def test_wires_of_every_kind_make_the_same_cup(model):
         (LINE[:3], "at least 4 distinct points"),
         ([LINE.tolist(), LINE[:50].tolist()], "shape"),
         (np.where(np.arange(200)[:, None] == 7, np.nan, LINE), "not finite"),
-        (LINE + (10.0, 0, 0), "not in the cup frame"),
+        (LINE + np.array([10.0, 0, 0]), "not in the cup frame"),
         (LINE[:, [1, 0, 2]], "not in the cup frame"),
         (LINE[::-1] - LINE[-1], "not in the cup frame"),
         (LINE * (-1, 1, 1), "not in the cup frame"),
