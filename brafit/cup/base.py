@@ -122,8 +122,8 @@ class Cup(nn.Module, ABC):
 
     @abstractmethod
     def constraints(self, shape: CupShape) -> dict[str, Float[Tensor, "batch m"]]:
-        """Equations that a shape of this model, in solver units, must satisfy to be a cup, by name; empty where the model satisfies
-        them itself.
+        """Equations that a shape of this model, in solver units, must satisfy to be a cup, by name; empty where the
+        model satisfies them itself.
 
         Scaled so that the sum of squares over m is a mean square.
         """
