@@ -18,7 +18,6 @@ from brafit.atomic import write_bytes
 from brafit.cup.shape import CupShape
 from brafit.fitting import CupFit, Target
 from brafit.fitting.certainty import outline_deviation
-from brafit.fitting.measure import point_distances
 from brafit.landmarks import CupFrame
 from brafit.pattern import Pattern, PatternOptions, Piece, Side, deepest_point, finish, marks_on, pieces_from_panels
 from brafit.report.dimensions import Dimension, dimension_deviation, dimensions
@@ -111,7 +110,7 @@ class Result:
     def distance(self, points: Float[ndarray, "n 3"]) -> Float[ndarray, " n"]:
         """Signed distance in mm of points, in the given points' frame, from the cup; positive outside."""
         inside = torch.as_tensor(self.frame.to_cup(np.asarray(points, float)), dtype=torch.float64)
-        return point_distances(inside, self.shape).numpy()
+        return self.shape.distances(inside).numpy()
 
     def dimensions(self) -> list[Dimension]:
         """Finished dimensions of pieces and cup."""

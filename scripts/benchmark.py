@@ -36,7 +36,7 @@ from brafit.cup import CupShape, FramesCup, StripsCup, Wire
 from brafit.fitting import LM, Conditions, LMStage, NelderMead, Target, fit_targets
 from brafit.fitting.lm import minimise, staged
 from brafit.fitting.loop import certainty, measured_cups, starting_problems, winners
-from brafit.fitting.measure import flat_panels, in_millimetres, upper_edge_gap
+from brafit.fitting.measure import in_millimetres, upper_edge_gap
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.targets import Targets
 from brafit.run.fitting import target_of
@@ -266,7 +266,7 @@ def known_cup(panels: int) -> tuple[StripsCup, Tensor]:
 
 def gaps_between(a: CupShape, b: CupShape) -> list[str]:
     """Largest and RMS distance over the wire length, of the edges in space and of the flat patterns of two cups."""
-    first, second = flat_panels(a), flat_panels(b)
+    first, second = a.flat(), b.flat()
     edges = (a.edges - b.edges).norm(dim=-1)
     flat = torch.cat([(x - y).norm(dim=-1) for x, y in ((first.lower, second.lower), (first.upper, second.upper))])
     return [f"{v.max() / WIRE:.1e} ({v.square().mean().sqrt() / WIRE:.1e})" for v in (edges, flat)]

@@ -42,7 +42,6 @@ from brafit.cloud import read_cloud
 from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
 from brafit.fitting import CupFit, Target, fit_targets
-from brafit.fitting.measure import point_distances
 from brafit.geometry.order import along_curve
 from brafit.geometry.polyline import evenly_spaced
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_landmarks
@@ -92,7 +91,7 @@ def apart(one: CupFit, other: CupFit, data: np.ndarray | None = None) -> tuple[f
         places = samples(a.shape)
         if data is not None:
             places = places[KDTree(data).query(places)[0] < COVERED]
-        distance = point_distances(torch.from_numpy(places), b.shape).numpy()
+        distance = b.shape.distances(torch.from_numpy(places)).numpy()
         ways.append((rms(distance), float(np.abs(distance).max())))
     return max(way[0] for way in ways), max(way[1] for way in ways)
 
@@ -164,7 +163,7 @@ def report_given(folder: Path, _: Path) -> None:
         print("  RMS of the clean cloud: of the scan's fit, of the clean fit; share of the cup without data; outliers")
         for scan, dense, own, best in zip(scans, whole, fits[: len(scans)], fits[len(scans) :], strict=True):
             near, far = apart(own, best, scan.dense), apart(own, best)
-            to_cloud = [rms(point_distances(torch.from_numpy(dense.points), f.shape).numpy()) for f in (own, best)]
+            to_cloud = [rms(f.shape.distances(torch.from_numpy(dense.points)).numpy()) for f in (own, best)]
             steps = scan.cleaning
             print(
                 f"  {scan.name:10} {near[0]:.2f} ({near[1]:.1f})  {far[0]:.2f} ({far[1]:.1f})   {to_cloud[0]:.2f}"

@@ -24,7 +24,6 @@ from brafit.cup import CupShape, FramesCup, Wire
 from brafit.fitting import Anneal, Conditions, NelderMead, Solver, Target
 from brafit.fitting.lm import LM
 from brafit.fitting.loop import in_millimetres
-from brafit.fitting.measure import flat_panels, point_distances
 from brafit.fitting.objective import Objective
 from brafit.fitting.targets import Targets
 from brafit.geometry.developable import twist_determinant
@@ -104,7 +103,7 @@ def solve(name: str, objective: Objective, solver: Solver, points: Tensor) -> Ou
     shape = in_millimetres(unit_shape, R)
     inner = slice(1, -1)
     residual = twist_determinant(shape.tangents[:-1, inner], shape.tangents[1:, inner], shape.directions[:, inner])
-    distances = point_distances(points, shape).abs() / R
+    distances = shape.distances(points).abs() / R
     return Outcome(
         name=name,
         mean=distances.mean().item(),
@@ -114,7 +113,7 @@ def solve(name: str, objective: Objective, solver: Solver, points: Tensor) -> Ou
         evaluations=int(solution.iterations[0]),
         seconds=seconds,
         shape=shape,
-        flat=flat_panels(shape),
+        flat=shape.flat(),
     )
 
 
@@ -195,7 +194,7 @@ def case_2(out: Path) -> None:
     outcomes = [solve(name, make_objective(points, top, upper), s, points) for name, s in solvers.items()]
     print("\nCase (2): 1000 points on a known cup of the model, its upper line given")
     print_table(outcomes)
-    flat = flat_panels(truth)
+    flat = truth.flat()
     for o in outcomes:
         space = max(map(curve_gap, o.shape.edges, truth.edges))
         pairs = ((o.flat.lower, flat.lower), (o.flat.upper, flat.upper))

@@ -13,7 +13,8 @@ from torch import Tensor, nn
 
 from brafit.cup.condition import Gaps
 from brafit.cup.shape import CupShape
-from brafit.cup.wire import LENGTH, Wire
+from brafit.cup.wire import LENGTH, Lines, Wire
+from brafit.geometry.development import FlatPanel
 from brafit.geometry.nearest import sample_table
 
 
@@ -58,10 +59,16 @@ def derivatives(
 
 
 class Cup(nn.Module, ABC):
-    """B cups of one model on B wires, in solver units (every wire is pi long).
+    """B cups of one model on B wires: a module from points to their distances, in millimetres.
 
-    The parameters of all cups are held as named `nn.Parameter`s with a leading batch dimension; solvers see them as one
-    matrix (B, size), made by `flatten` and read by `shape_of`.
+    The parameters of all cups are held as named `nn.Parameter`s with a leading batch dimension, each as a multiple of
+    its `steps`. Solvers see them as one matrix (B, size) in solver units (every wire is pi long), made by `flatten` and
+    read by `shape_of`.
+
+    Args:
+        wire: the wire lines of B cups: a `Wire`, or what `Wire.of` takes, in millimetres in the cup frame.
+        panels: number of panels.
+        stations: samples along the wire.
     """
 
     corner_place = -1
@@ -71,8 +78,9 @@ class Cup(nn.Module, ABC):
     stations: Tensor
     terms: int
 
-    def __init__(self, wire: Wire, panels: int, stations: int):
+    def __init__(self, wire: Wire | Lines, panels: int, stations: int):
         super().__init__()
+        wire = Wire.of(wire)
         if panels < 1:
             raise ValueError(f"a cup needs at least 1 panel, got {panels}")
         if stations < 9:
@@ -81,6 +89,11 @@ class Cup(nn.Module, ABC):
         self.panels = panels
         like = wire.coefficients
         self.register_buffer("stations", torch.linspace(0, LENGTH, stations, dtype=like.dtype, device=like.device))
+        self.register_load_state_dict_post_hook(_read_wire)
+
+    @abstractmethod
+    def read_wire(self) -> None:
+        """Compute anew what is derived from the wires."""
 
     @property
     @abstractmethod
@@ -109,8 +122,8 @@ class Cup(nn.Module, ABC):
 
     @abstractmethod
     def constraints(self, shape: CupShape) -> dict[str, Float[Tensor, "batch m"]]:
-        """Equations that a shape of this model must satisfy to be a cup, by name; empty where the model satisfies
-        them itself.
+        """Equations that a shape of this model, in solver units, must satisfy to be a cup, by name; empty where the
+        model satisfies them itself.
 
         Scaled so that the sum of squares over m is a mean square.
         """
@@ -124,6 +137,14 @@ class Cup(nn.Module, ABC):
     @abstractmethod
     def unfairness(self, flat: Float[Tensor, "batch size"]) -> Float[Tensor, "batch m"]:
         """Residuals whose squares add up to how much the curvature of the flat edges varies."""
+
+    @property
+    def steps(self) -> Float[Tensor, " size"]:
+        """How far each parameter goes for a change of the cup that is about as large as the others': powers of two, so
+        that parameters held as multiples of them are not rounded. An optimiser that moves all alike, such as Adam,
+        needs them.
+        """
+        return self.stations.new_ones(self.size)
 
     @property
     def plain(self) -> tuple[Float[Tensor, " size"], Float[Tensor, " size"]] | None:
@@ -190,8 +211,42 @@ class Cup(nn.Module, ABC):
             reach=(len(columns),) * self.panels,
         )
 
-    def forward(self) -> CupShape:
-        return self.shape_of(self.flatten())
+    def forward(self, points: Tensor) -> Float[Tensor, "batch points"]:
+        """Signed distances of points to the cups, mm, positive outside.
+
+        Differentiable once, in parameters and points (see `CupShape.distances`).
+
+        Args:
+            points: (batch, points, 3) in the cup frame, mm, in the cup's precision and place. Clouds of different size
+                are padded with nan, and so are their distances: `nanmean` leaves them out.
+
+        Raises:
+            ValueError: points of another shape, precision or place.
+        """
+        if points.ndim != 3 or len(points) != self.batch or points.shape[-1] != 3:
+            raise ValueError(f"points must be ({self.batch}, n, 3), one cloud for each cup, got {(*points.shape,)}")
+        own = self.stations
+        if (points.dtype, points.device) != (own.dtype, own.device):
+            got, wanted = (f"{tensor.dtype} on {tensor.device}" for tensor in (points, own))
+            raise ValueError(f"points are {got}, the cup is {wanted}: give points.to(cup.stations)")
+        return self.shape().distances(points)
+
+    def shape(self) -> CupShape:
+        """The cups as they stand in their cup frames, mm, differentiable in the parameters.
+
+        s stays in solver units, in which all wires of a batch are pi long; tangents are mm per that.
+        """
+        return self.shape_of(self.flatten()).scaled(self.wire.scale)
+
+    def patterns(self) -> FlatPanel:
+        """The panels laid flat, mm: edges of shape (batch, panels, stations, 2), differentiable in the parameters."""
+        return self.shape().flat()
+
+    def margin(self) -> Float[Tensor, "batch panels stations"]:
+        """Regularity margin of every ruling, differentiable in the parameters: 1 on a cylinder, negative where rulings
+        cross.
+        """
+        return self.shape_of(self.flatten()).margin
 
     @property
     def batch(self) -> int:
@@ -203,7 +258,7 @@ class Cup(nn.Module, ABC):
         return sum(math.prod(shape) for shape in self.layout.values())
 
     def flatten(self) -> Float[Tensor, "batch size"]:
-        return torch.cat([self.get_parameter(name).flatten(1) for name in self.layout], dim=1)
+        return torch.cat([self.get_parameter(name).flatten(1) for name in self.layout], dim=1) * self.steps
 
     def split(self, flat: Float[Tensor, "batch size"]) -> dict[str, Tensor]:
         """Parameters by name from the flat matrix."""
@@ -212,5 +267,11 @@ class Cup(nn.Module, ABC):
 
     @torch.no_grad()
     def load_flat(self, flat: Float[Tensor, "batch size"]) -> None:
-        for name, value in self.split(flat).items():
+        for name, value in self.split(flat / self.steps).items():
             self.get_parameter(name).copy_(value)
+
+
+def _read_wire(cup: nn.Module, _: object) -> None:
+    """After a state is loaded, which may have other wires."""
+    assert isinstance(cup, Cup)
+    cup.read_wire()

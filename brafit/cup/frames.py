@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
-from brafit.cup.wire import LENGTH, Wire
+from brafit.cup.wire import LENGTH, Lines, Wire
 from brafit.geometry.curve import gauss_points, integrate_curve
 from brafit.geometry.developable import (
     curvature_vector,
@@ -28,6 +28,10 @@ SHARE = 0.27
 """How much the unfairness of these cups counts beside that of strips: their panels are not developable yet."""
 
 
+STEP = 1 / 16
+"""Of all parameters, see `Cup.steps`: rates and first frames turn a whole edge."""
+
+
 class FramesCup(Cup):
     """Cups whose edges above the wire are integrated from (omega_xi, omega_eta, v) and an initial frame each.
 
@@ -38,7 +42,7 @@ class FramesCup(Cup):
         stations: samples along the wire.
         basis: Ritz basis, see `brafit.geometry.ritz`.
 
-    Parameters:
+    Parameters, as multiples of `steps`:
         coefficients (B, panels, 3, terms): Ritz coefficients of omega_xi, omega_eta and v, with s' = v^2 and
             omega_zeta = 0.
         turn (B, panels, 3): rotation vector that turns the reference frame (a buffer set by `start`) into Phi_0.
@@ -49,19 +53,22 @@ class FramesCup(Cup):
     _at_gauss: Tensor
     _wire_lines: Tensor
 
-    def __init__(self, wire: Wire, panels: int = 2, terms: int = 6, stations: int = 101, basis: str = "cosine"):
+    def __init__(self, wire: Wire | Lines, panels: int = 2, terms: int = 6, stations: int = 101, basis: str = "cosine"):
         super().__init__(wire, panels, stations)
         self.terms, self.basis = terms, basis
-        like = wire.coefficients
-        self.coefficients = nn.Parameter(like.new_zeros(len(wire), panels, 3, terms))
-        self.turn = nn.Parameter(like.new_zeros(len(wire), panels, 3))
-        frames = torch.eye(3, dtype=like.dtype, device=like.device).expand(len(wire), panels, 3, 3)
+        like = self.stations
+        self.coefficients = nn.Parameter(like.new_zeros(self.batch, panels, 3, terms))
+        self.turn = nn.Parameter(like.new_zeros(self.batch, panels, 3))
+        frames = torch.eye(3, dtype=like.dtype, device=like.device).expand(self.batch, panels, 3, 3)
         self.register_buffer("reference", frames.clone())
         s = self.stations
         self.register_buffer("_at_stations", ritz_basis(basis, terms, s / LENGTH), persistent=False)
         at_gauss = ritz_basis(basis, terms, gauss_points(s).flatten() / LENGTH)
         self.register_buffer("_at_gauss", at_gauss, persistent=False)
-        wire_lines = torch.stack([wire.sample(s, k) for k in range(3)])
+        self.read_wire()
+
+    def read_wire(self) -> None:
+        wire_lines = torch.stack([self.wire.sample(self.stations, k) for k in range(3)])
         self.register_buffer("_wire_lines", wire_lines, persistent=False)
 
     @property
@@ -104,6 +111,10 @@ class FramesCup(Cup):
         turn = free.new_ones(3 * self.panels)
         return torch.cat((free.flatten(), turn)).nonzero()[:, 0]
 
+    @property
+    def steps(self) -> Float[Tensor, " size"]:
+        return self.stations.new_full((self.size,), STEP)
+
     def ends(self, shape: CupShape) -> Float[Tensor, "batch m"]:
         """Gap between each edge's end and the wire's end, (38), (39)."""
         return (shape.edges[:, 1:, -1] - shape.edges[:, :1, -1]).flatten(1)
@@ -143,10 +154,11 @@ class FramesCup(Cup):
         zeta = sine * outward + cosine * along
         xi = sine * along - cosine * outward
         self.reference.copy_(torch.stack((xi, torch.linalg.cross(zeta, xi), zeta), dim=-1))
-        self.coefficients.zero_()
-        self.coefficients[:, :, 1, 0] = 1 / radius
-        self.coefficients[:, :, 2, 0] = (arc / LENGTH).sqrt()
-        self.turn.zero_()
+        flat = self.reference.new_zeros(self.batch, self.size)
+        coefficients = self.split(flat)["coefficients"]
+        coefficients[:, :, 1, 0] = 1 / radius
+        coefficients[:, :, 2, 0] = (arc / LENGTH).sqrt()
+        self.load_flat(flat)
 
     def select(self, index: Tensor) -> "FramesCup":
         return self._on(self.wire.select(index), index)

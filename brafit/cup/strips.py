@@ -22,7 +22,7 @@ from brafit.cup.condition import Gaps
 from brafit.cup.corner import CORNER_REACH, beside_corner, corner_columns, corner_gap, cornered
 from brafit.cup.shape import CupShape
 from brafit.cup.strip_grid import StripGrid, chebyshev_bases
-from brafit.cup.wire import LENGTH, Wire
+from brafit.cup.wire import LENGTH, Lines, Wire
 from brafit.geometry.developable import unit
 from brafit.geometry.fairness import Variation
 from brafit.geometry.grid import like
@@ -54,6 +54,8 @@ PLAIN: dict[str, dict[str, tuple[float, ...]]] = {
 breasts with two and three panels. Fits of different breasts differ little in them, and data say little about them."""
 PLAIN_ORDER = 5.0
 """From about this order on terms count ever more."""
+STEP_ORDER = 3.0
+"""From about this order on terms change a cup ever more."""
 BUMP_SECOND = -8 / LENGTH**2
 """Second derivative of 1 - x^2 by s."""
 CORNER_TERMS = 6
@@ -71,7 +73,7 @@ class StripsCup(Cup):
         nodes: Chebyshev nodes of the fit.
         output_nodes: Chebyshev nodes of the output: as many as make it exact.
 
-    Parameters:
+    Parameters, as multiples of `steps`:
         angle (B, panels): phi_0, the angle by which each panel leaves the reference normal in the middle of its lower
             edge: the chest's normal at the wire, the panel below at the ridges.
         rib (B, panels, terms): series of the rib angle before its bound.
@@ -85,7 +87,7 @@ class StripsCup(Cup):
 
     def __init__(
         self,
-        wire: Wire,
+        wire: Wire | Lines,
         panels: int = 2,
         terms: int = 14,
         stations: int = 201,
@@ -99,14 +101,18 @@ class StripsCup(Cup):
             raise ValueError(f"{terms} terms need at least {2 * terms} nodes, got {nodes} and {output_nodes}")
         self.terms = terms
         self.corner_place = panels + 2 * panels * terms + 1
-        some = wire.coefficients
-        self.angle = nn.Parameter(some.new_zeros(len(wire), panels))
-        self.rib = nn.Parameter(some.new_zeros(len(wire), panels, terms))
-        self.length = nn.Parameter(some.new_zeros(len(wire), panels, terms))
-        self.corner = nn.Parameter(some.new_zeros(len(wire), 2))
-        self.grid = StripGrid.of(wire, terms, nodes)
-        self.output_grid = StripGrid.of(wire, terms, output_nodes)
+        some = self.stations
+        self.angle = nn.Parameter(some.new_zeros(self.batch, panels))
+        self.rib = nn.Parameter(some.new_zeros(self.batch, panels, terms))
+        self.length = nn.Parameter(some.new_zeros(self.batch, panels, terms))
+        self.corner = nn.Parameter(some.new_zeros(self.batch, 2))
+        self.grid = StripGrid.of(self.wire, terms, nodes)
+        self.output_grid = StripGrid.of(self.wire, terms, output_nodes)
         self._place_stations()
+
+    def read_wire(self) -> None:
+        self.grid = StripGrid.of(self.wire, self.terms, len(self.grid.s))
+        self.output_grid = StripGrid.of(self.wire, self.terms, len(self.output_grid.s))
 
     def _place_stations(self) -> None:
         operators = Nodes.of(len(self.output_grid.s), LENGTH)
@@ -396,6 +402,14 @@ class StripsCup(Cup):
         )
 
     @property
+    def steps(self) -> Float[Tensor, " size"]:
+        """Terms of order k by about (1 + (k / STEP_ORDER)^4)^-1: the higher, the more they bend and turn the edges."""
+        order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device)
+        share = torch.exp2(-(1 + (order / STEP_ORDER) ** 4).log2().round())
+        series = share.repeat(2 * self.panels)
+        return torch.cat((series.new_ones(self.panels), series, series.new_ones(2)))
+
+    @property
     def plain(self) -> tuple[Float[Tensor, " size"], Float[Tensor, " size"]]:
         """See PLAIN. A term of order k counts (1 + (k / PLAIN_ORDER)^6)^(1/2): low orders alike, high orders as third
         derivatives of the edges would count them.
@@ -426,14 +440,14 @@ class StripsCup(Cup):
         across, out = ((step * axis[:, middle, None, ::2]).sum(-1) for axis in (grid.U, grid.V))
         heading = torch.atan2(out, across)
         turn = torch.cat((heading[:, :1], heading.diff(dim=1)), dim=1)
-        self.angle.copy_(torch.remainder(turn + torch.pi, 2 * torch.pi) - torch.pi)
-        plain = self.split(self.plain[0][None])
-        self.rib.copy_(plain["rib"].expand_as(self.rib))
-        self.rib[..., 0] = self.rib[..., 2] if self.terms > 2 else 0.0  # no lean in the middle, where T_2 is -1
-        self.length.copy_(plain["length"].expand_as(self.length))
-        even = self.length[..., 2] if self.terms > 2 else 0.0  # T_2(0) = -1
-        self.length[..., 0] = step.norm(dim=-1).clamp_min(1e-2 * LENGTH).log() + even
-        self.corner.zero_()
+        flat = self.plain[0].repeat(self.batch, 1)
+        parts = self.split(flat)
+        parts["angle"].copy_(torch.remainder(turn + torch.pi, 2 * torch.pi) - torch.pi)
+        rib, length = parts["rib"], parts["length"]
+        rib[..., 0] = rib[..., 2] if self.terms > 2 else 0.0  # no lean in the middle, where T_2 is -1
+        even = length[..., 2] if self.terms > 2 else 0.0  # T_2(0) = -1
+        length[..., 0] = step.norm(dim=-1).clamp_min(1e-2 * LENGTH).log() + even
+        self.load_flat(flat)
 
     def select(self, index: Tensor) -> "StripsCup":
         cup = copy.copy(self)

@@ -33,6 +33,12 @@ _TERMS = 64
 _CUP_FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
+Lines = Tensor | np.ndarray | Sequence
+"""Points of one wire line (k, 3) or of several (batch, k, 3)."""
+_FRAME_TOLERANCE = 0.01
+"""How far a wire's ends may be from where the cup frame has them, as a share of the span."""
+
+
 class Wire(nn.Module):
     """Wire lines of B cups, inner end to outer end, in cup frames.
 
@@ -73,6 +79,33 @@ class Wire(nn.Module):
     def select(self, index: Tensor) -> "Wire":
         """The wires of these batch items."""
         return Wire(self.coefficients[index], self.scale[index], self.smoothing[index])
+
+    @staticmethod
+    def of(lines: "Wire | Lines") -> "Wire":
+        """The wires through given lines; a `Wire` as it is. Lines of different numbers of points: `Wire.stack`.
+
+        Args:
+            lines: (k, 3) or (batch, k, 3) points in the cup frame, inner end (the origin) first, in millimetres; at
+                least 4 distinct ones. A tensor's floating type and device are kept, others give float64 on the CPU.
+
+        Raises:
+            ValueError: no array of that shape, not in the cup frame, or points that make no wire.
+        """
+        if isinstance(lines, Wire):
+            return lines
+        if isinstance(lines, Tensor) and lines.requires_grad:
+            raise ValueError("a cup has no derivatives by its wire: give wire.detach()")
+        try:
+            array = np.asarray(lines.cpu() if isinstance(lines, Tensor) else lines, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"a wire must be an array of shape (k, 3) or (batch, k, 3): {error}") from None
+        if array.ndim not in (2, 3) or array.shape[-1] != 3 or array.size == 0:
+            raise ValueError(f"a wire must be an array of shape (k, 3) or (batch, k, 3), got {array.shape}")
+        wires = [Wire.from_polyline(line) for line in array.reshape(-1, *array.shape[-2:])]
+        for line in array.reshape(-1, *array.shape[-2:]):
+            _check_frame(line)
+        wire = Wire.stack(wires)
+        return wire.to(lines) if isinstance(lines, Tensor) and lines.is_floating_point() else wire
 
     @staticmethod
     def stack(wires: Sequence["Wire"]) -> "Wire":
@@ -138,6 +171,17 @@ class Wire(nn.Module):
         wire = _from_samples(positions, length, 0.0)
         off = _distances(wire, torch.from_numpy(points) / wire.scale).max() * wire.scale
         return Wire(wire.coefficients, wire.scale, off)
+
+
+def _check_frame(line: Float[np.ndarray, "k 3"]) -> None:
+    """Raises ValueError unless the line is a wire in the cup frame."""
+    chord = line[-1] - line[0]
+    span = float(np.linalg.norm(chord))
+    off = max(np.abs(line[0]).max(), np.abs(chord[[0, 2]]).max()) > _FRAME_TOLERANCE * span
+    if off or chord[1] <= 0 or line[:, 0].mean() <= 0:
+        where = "inner end in the origin, outer end on +y, bottom towards +x, +z out of the chest"
+        remedy = "brafit.landmarks.cup_frame.frame_from_wire gives that frame, brafit.scan.load_scan a scan in it"
+        raise ValueError(f"the wire is not in the cup frame ({where}): {remedy}")
 
 
 def _from_samples(positions: np.ndarray, length: float, smoothing: float) -> Wire:

@@ -7,11 +7,14 @@ from brafit.fitting.nelder_mead import NelderMead
 from brafit.fitting.objective import Conditions
 from brafit.fitting.result import ResultCode
 from brafit.fitting.solver import Solution, Solver, Step
+from brafit.fitting.start import start_cups
 from brafit.fitting.targets import Target
+from brafit.fitting.training import ConditionLoss
 
 __all__ = [
     "LM",
     "Anneal",
+    "ConditionLoss",
     "Conditions",
     "CupFit",
     "LMStage",
@@ -23,4 +26,5 @@ __all__ = [
     "Step",
     "Target",
     "fit_targets",
+    "start_cups",
 ]

@@ -32,7 +32,7 @@ from brafit.cup.base import Cup
 from brafit.cup.condition import station_weights
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
-from brafit.fitting.measure import flat_panels, in_millimetres
+from brafit.fitting.measure import in_millimetres
 from brafit.fitting.normal import PointRows, Points, assembled, slices
 from brafit.fitting.objective import Objective, Pressure
 from brafit.geometry.developable import dot
@@ -99,7 +99,7 @@ class Alternatives(Sequence[Alternative]):
             cup = cup.refined()
         cups = cup.select(torch.zeros(len(self), dtype=torch.long))
         shape = in_millimetres(cups.shape_of(self._flat + self._changes), self._wire.scale.item())
-        flat = flat_panels(shape)
+        flat = shape.flat()
         return tuple(
             Alternative(
                 shape.map(lambda v, i=i: v[i]),
@@ -193,7 +193,7 @@ def outline_spread(
         rows = torch.cat((some, some[-1:].expand(each - len(some))))
         shape = cup.select(rows).sketch(flat[rows])
         changed = cup.select(rows.repeat_interleave(count)).sketch((flat[rows, None] + changes[rows]).view(-1, size))
-        own, others = _complex(flat_panels(shape)), _complex(flat_panels(changed)).unflatten(0, (len(rows), count))
+        own, others = _complex(shape.flat()), _complex(changed.flat()).unflatten(0, (len(rows), count))
         spread = _across(own, others, _flat_tangents(shape, own), station_weights(shape.stations))
         result.append(spread.flatten(1).amax(1)[: len(some)])
     return torch.cat(result)

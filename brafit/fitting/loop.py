@@ -21,9 +21,7 @@ from brafit.fitting.certainty import Alternative, Alternatives, deviations, outl
 from brafit.fitting.measure import (
     Bend,
     figures_of,
-    flat_panels,
     in_millimetres,
-    point_distances,
     tight_bends,
     upper_edge_gap,
     wire_places,
@@ -33,7 +31,7 @@ from brafit.fitting.objective import Conditions, Objective, Pressure
 from brafit.fitting.result import ResultCode
 from brafit.fitting.shards import in_shards
 from brafit.fitting.solver import Callback, Solution, Solver
-from brafit.fitting.start import middles, start_curves
+from brafit.fitting.start import start_cups
 from brafit.fitting.targets import Target, Targets
 from brafit.geometry.development import FlatPanel
 
@@ -228,9 +226,7 @@ def starting_problems(
     repeated = repeated.to(device)
     batch = Targets.stack(targets, model.wire.scale[::restarts], neckline_wave=condition.neckline_wave)
     batch = batch.select(repeated)
-    curves = np.concatenate([start_curves(t, model.panels, restarts) for t in targets])
-    angles, reaches = (torch.as_tensor(v, dtype=dtype, device=device) for v in middles(curves))
-    model.start(angles, reaches / batch.scale[:, None])
+    curves = start_cups(model, targets, restarts)
     # Cups of the paper's model start as arcs of the right size; without points they lose their way.
     guides = torch.as_tensor(curves, dtype=dtype, device=device) / batch.scale[:, None, None, None]
     guides = guides if model.exact else None
@@ -311,14 +307,14 @@ def measured_cups(cup: Cup, targets: Sequence[Target], refinements: int = REFINE
     wire, flat = cup.wire, cup.flatten()
     units = cup.shape_of(flat)
     points = [torch.as_tensor(t.points, dtype=torch.float64) / s for t, s in zip(targets, wire.scale, strict=True)]
-    distances = point_distances(pad_sequence(points, batch_first=True), units, cup.sketch(flat))
+    distances = units.distances(pad_sequence(points, batch_first=True), coarse=cup.sketch(flat))
     distances = distances * wire.scale[:, None]
     smooth = wire.sample(wire_places(units.stations))
     results = []
     for k, target in enumerate(targets):
         scale = wire.scale[k].item()
         shape = in_millimetres(units.map(partial(torch.select, dim=0, index=k)), scale)
-        flat, own = flat_panels(shape), distances[k, : len(target.points)]
+        flat, own = shape.flat(), distances[k, : len(target.points)]
         neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
         figures = figures_of(shape, flat, own, neckline, smooth[k] * scale, wire.smoothing[k].item())
         panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]

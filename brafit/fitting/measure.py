@@ -13,21 +13,13 @@ from torch import Tensor
 
 from brafit.cup.condition import nearest_on_polyline, polyline_points
 from brafit.cup.shape import CupShape
-from brafit.geometry.developable import dot, rib_angle, twist_angle
-from brafit.geometry.development import FlatPanel, arc_lengths, develop
+from brafit.geometry.developable import dot, twist_angle
+from brafit.geometry.development import FlatPanel, arc_lengths
 from brafit.geometry.fairness import EdgeCurvature
 from brafit.geometry.grid import sliding_derivative
-from brafit.geometry.nearest import project
 
 _ENDS = 0.02
 """Share of the stations at either end where panels shrink to cusps and a ruling's twist means nothing."""
-
-
-def flat_panels(shape: CupShape) -> FlatPanel:
-    """All panels of a cup laid flat, (20)-(25), with a leading dimension of panels."""
-    lower = shape.tangents[..., :-1, :, :]
-    rib = rib_angle(lower, shape.directions)
-    return develop(shape.stations, lower.norm(dim=-1), shape.geodesic, rib, shape.lengths)
 
 
 def in_millimetres(shape: CupShape, scale: float) -> CupShape:
@@ -38,20 +30,6 @@ def in_millimetres(shape: CupShape, scale: float) -> CupShape:
     return replace(
         own, stations=shape.stations.cpu().double() * scale, edges=own.edges * scale, geodesic=own.geodesic / scale
     )
-
-
-def point_distances(
-    points: Float[Tensor, "*batch n 3"], shape: CupShape, coarse: CupShape | None = None
-) -> Float[Tensor, "*batch n"]:
-    """Signed distances of points to cups, positive outside.
-
-    `coarse`: the same cups on fewer stations, where the nearest rulings are sought first.
-    """
-    feet = None
-    if coarse is not None and len(coarse.stations) < len(shape.stations):
-        found = project(points, coarse.edges, coarse.tangents, coarse.stations, iterations=2).feet
-        feet = found.on(coarse.stations, shape.stations)
-    return project(points, shape.edges, shape.tangents, shape.stations, 8 if feet is None else 3, feet).distances
 
 
 def figures_of(
@@ -67,7 +45,7 @@ def figures_of(
     Args:
         shape: one cup (no batch dimension), mm.
         flat: its panels laid flat.
-        distances: from `point_distances`.
+        distances: from `CupShape.distances`.
         neckline: the wanted upper edge; `upper_edge_mm` is nan without it.
         wire: the smooth wire at `wire_places` of the cup's stations.
         smoothing: distance of the given wire points from it.

@@ -6,9 +6,13 @@ same optimum, in a fifth of the steps that plain arcs need.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+import torch
 from jaxtyping import Float
 
+from brafit.cup.base import Cup
 from brafit.fitting.targets import Target
 from brafit.geometry.polyline import evenly_spaced
 
@@ -24,6 +28,22 @@ _DIRECTIONS = 31
 """Directions in which a section is measured."""
 _CLOUD = 1000
 """Points that are looked at."""
+
+
+def start_cups(cup: Cup, targets: Sequence[Target], restarts: int = 1) -> Float[np.ndarray, "batch panels m 3"]:
+    """Set cups to where fits start: to the first `restarts` starts of every target, target by target.
+
+    Returns the curves, mm, that the starts were read from, see `start_curves`.
+
+    Raises:
+        ValueError: the cups are not as many as the starts.
+    """
+    if cup.batch != len(targets) * restarts:
+        raise ValueError(f"{len(targets)} targets with {restarts} starts each need as many cups, not {cup.batch}")
+    curves = np.concatenate([start_curves(target, cup.panels, restarts) for target in targets])
+    angles, reaches = (torch.as_tensor(value).to(cup.stations) for value in middles(curves))
+    cup.start(angles, reaches / cup.wire.scale[:, None])
+    return curves
 
 
 def start_curves(target: Target, panels: int, count: int, seed: int = 0) -> Float[np.ndarray, "count panels m 3"]:

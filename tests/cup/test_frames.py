@@ -33,7 +33,7 @@ def test_start_meets_the_ends_where_it_is_told(panels):
     angles = torch.linspace(0.3, 1.4, panels, dtype=torch.float64) + torch.tensor([[0.0], [0.1]])
     reaches = torch.linspace(0.9, 0.6, panels, dtype=torch.float64).expand(2, -1)
     cup.start(angles, reaches)
-    shape = cup()
+    shape = cup.shape_of(cup.flatten())
     assert shape.edges.shape == (2, panels + 1, 101, 3)
     assert shape.directions.shape == shape.normals.shape == (2, panels, 101, 3)
     end = shape.edges[:, :1, -1]
@@ -48,11 +48,11 @@ def test_start_meets_the_ends_where_it_is_told(panels):
 def test_half_circles_make_the_known_developable_cup(panels):
     """Against the closed form: edges, rulings, normals, geodesic curvature; no twist."""
     cup, exact = lune_frames(1, panels, stations=101), lune_cup(panels, 101, 1.0)
-    shape = cup().map(lambda v: v[0])
+    shape = cup.shape().map(lambda v: v[0])
     for name in ("stations", "edges", "tangents", "directions", "normals", "geodesic"):
         own, known = getattr(shape, name), getattr(exact, name)
         torch.testing.assert_close(own, known, rtol=0, atol=1e-9, msg=lambda m, name=name: f"{name}: {m}")
-    constraints = cup.constraints(cup())
+    constraints = cup.constraints(cup.shape_of(cup.flatten()))
     assert set(constraints) == {"ends", "twist"}
     for value in constraints.values():
         torch.testing.assert_close(value, torch.zeros_like(value), rtol=0, atol=1e-9)
@@ -86,33 +86,35 @@ def test_flatten_load_and_split_round_trip(panels):
     cup.load_flat(flat)
     assert torch.equal(cup.flatten(), flat)
     named = cup.split(flat)
-    assert torch.equal(named["coefficients"], cup.coefficients)
-    assert torch.equal(named["turn"], cup.turn)
-    assert torch.equal(cup().edges, cup.shape_of(flat).edges)
+    steps = cup.split(cup.steps[None])
+    assert torch.equal(named["coefficients"], cup.coefficients * steps["coefficients"])
+    assert torch.equal(named["turn"], cup.turn * steps["turn"])
+    assert torch.equal(cup.shape().edges, cup.shape_of(flat).edges)
 
 
 def test_state_is_saved_and_restored():
     cup, other = lune_frames(2), FramesCup(half_circle(2), 2, 4, 41)
     cup.load_flat(near(cup))
     other.load_state_dict(cup.state_dict())
-    assert torch.equal(cup().edges, other().edges)
+    assert torch.equal(cup.shape().edges, other.shape().edges)
 
 
 def test_select_takes_cups_out_of_a_batch(panels):
     wire = Wire.stack([Wire.from_arc(1.0, math.pi), Wire.from_arc(1.0, 2.5), Wire.from_omega((0.1, 1.0, 0.1), 2.5)])
     cup = lune_start(FramesCup(wire, panels, 5, 33, "fourier"))
     cup.load_flat(near(cup))
-    whole, index = cup(), torch.tensor([2, 0, 2])
+    whole, index = cup.shape_of(cup.flatten()), torch.tensor([2, 0, 2])
     part = cup.select(index)
     assert part.basis == "fourier"
     for name in ("edges", "tangents", "directions", "normals", "geodesic"):
-        assert torch.equal(getattr(part(), name), getattr(whole, name)[index])
+        assert torch.equal(getattr(part.shape_of(part.flatten()), name), getattr(whole, name)[index])
 
 
 def test_gradients_reach_every_parameter(panels):
     cup = lune_frames(1, panels)
     cup.load_flat(near(cup))
-    (cup().edges[:, -1].square().sum() + cup().geodesic.square().sum() + cup().directions[..., 0].sum()).backward()
+    shape = cup.shape()
+    (shape.edges[:, -1].square().sum() + shape.geodesic.square().sum() + shape.directions[..., 0].sum()).backward()
     for name, parameter in cup.named_parameters():
         assert parameter.grad is not None
         assert (parameter.grad != 0).all(), name

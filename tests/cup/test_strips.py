@@ -8,7 +8,6 @@ import torch
 from cups import half_circle
 
 from brafit.cup import Cup, StripsCup, Wire
-from brafit.fitting.measure import flat_panels
 from brafit.geometry.developable import regularity, twist_angle
 from brafit.geometry.development import arc_lengths
 from brafit.geometry.grid import sliding_derivative
@@ -79,7 +78,7 @@ def test_half_cylinder_comes_out_exactly():
     cup = StripsCup(half_circle(), panels=1, terms=3)
     cup.start(torch.tensor([[0.5]], dtype=torch.float64), torch.tensor([[1.0]], dtype=torch.float64))
     cup.load_flat(torch.tensor([[math.pi / 2, 0, 0, 0, 0.3, 0, 0, 0, 0]], dtype=torch.float64))
-    shape = cup()
+    shape = cup.shape()
     height = math.exp(0.3) * (1 - (2 * cup.stations / math.pi - 1) ** 2)
     assert torch.allclose(shape.edges[0, 1, :, :2], shape.edges[0, 0, :, :2], rtol=0, atol=1e-12)
     assert torch.allclose(shape.edges[0, 1, :, 2], height, rtol=0, atol=1e-12)
@@ -90,7 +89,7 @@ def test_start_puts_the_middle_of_each_edge_where_it_is_told():
     angles = torch.tensor([[0.7, 1.5]], dtype=torch.float64)
     reaches = torch.tensor([[1.1, 0.9]], dtype=torch.float64)
     cup.start(angles, reaches)
-    middle = cup().edges[0, 1:, 100]
+    middle = cup.shape().edges[0, 1:, 100]
     expected = torch.stack((reaches * torch.cos(angles), torch.ones_like(angles), reaches * torch.sin(angles)), dim=-1)
     assert torch.allclose(middle, expected[0], rtol=0, atol=0.03)  # a plain cup's rulings lean a little there
 
@@ -125,7 +124,7 @@ def test_derivatives_against_central_differences():
 def test_lengths_survive_flattening():
     cup, flat = wavy(WIRES["helix"], 3)
     shape = cup.shape_of(flat).map(lambda v: v[0])
-    plane = flat_panels(shape)
+    plane = shape.flat()
     in_space = arc_lengths(shape.edges, shape.stations)[:, -1]
     lower, upper = (arc_lengths(e, shape.stations)[:, -1] for e in (plane.lower, plane.upper))
     assert torch.allclose(lower, in_space[:-1], rtol=0, atol=1e-5)
@@ -168,7 +167,7 @@ def test_refined_and_finer_grids_keep_the_cup():
     cup, flat = wavy(WIRES["helix"], 2)
     cup.load_flat(flat)
     fine = cup.refined()
-    assert torch.allclose(fine().edges[:, :, ::2], cup().edges, rtol=0, atol=1e-8)
+    assert torch.allclose(fine.shape().edges[:, :, ::2], cup.shape().edges, rtol=0, atol=1e-8)
     assert cup.finer().sketch(flat).edges.shape[2] > cup.sketch(flat).edges.shape[2]
 
 

@@ -23,7 +23,7 @@ SHORT = [Stage("adam", 10, 1.0), Stage("lbfgs", 20, 10.0), Stage("lbfgs", 20, 10
 
 
 def known_points(count: int = 200, seed: int = 0, scale: float = 1.0) -> np.ndarray:
-    shape = lune_frames(stations=101)().map(lambda v: v[0].detach())
+    shape = lune_frames(stations=101).shape().map(lambda v: v[0].detach())
     return scale * on_panels(shape, count, np.random.default_rng(seed)).numpy()
 
 

@@ -12,7 +12,6 @@ from lunes import lune_cup, lune_flat
 from brafit.cup import StripsCup, Wire
 from brafit.fitting import LM, Conditions, LMStage, ResultCode, Target
 from brafit.fitting.certainty import Alternative, Alternatives, deviations, outline_deviation, outline_spread
-from brafit.fitting.measure import flat_panels
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.targets import Targets
 from brafit.geometry.development import FlatPanel, arc_lengths
@@ -47,7 +46,7 @@ def scans(noise: float, seeds: int = SEEDS) -> Objective:
 def flat_lengths(flat: torch.Tensor) -> torch.Tensor:
     """Lengths of the ridge and of the upper edge in the flat panels."""
     shape = cups(len(flat)).shape_of(flat)
-    return arc_lengths(flat_panels(shape).upper, shape.stations)[..., -1]
+    return arc_lengths(shape.flat().upper, shape.stations)[..., -1]
 
 
 def predicted(flat: torch.Tensor, changes: torch.Tensor) -> torch.Tensor:

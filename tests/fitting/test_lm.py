@@ -9,7 +9,7 @@ from cups import half_circle, lune_frames, near
 
 from brafit.cup import Cup, StripsCup, Wire
 from brafit.fitting import LM, Conditions, LMStage, ResultCode, Target, normal
-from brafit.fitting.measure import flat_panels, upper_edge_gap
+from brafit.fitting.measure import upper_edge_gap
 from brafit.fitting.normal import PointRows, normal_equations
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.targets import Targets
@@ -97,7 +97,7 @@ def test_a_fit_ends_where_one_in_double_precision_throughout_ends(monkeypatch):
     mixed = LM(STAGES).solve(objective, start, None)
     monkeypatch.setattr(torch.Tensor, "float", lambda tensor: tensor)
     double = LM(STAGES).solve(objective, start, None)
-    ours, others = (flat_panels(cup.shape_of(solution.flat)) for solution in (mixed, double))
+    ours, others = (cup.shape_of(solution.flat).flat() for solution in (mixed, double))
     for name in ("lower", "upper"):
         assert 200 / math.pi * (getattr(ours, name) - getattr(others, name)).norm(dim=-1).max() < 1e-3
     assert mixed.codes == double.codes
@@ -122,7 +122,7 @@ def test_what_is_told_belongs_to_the_scans_and_does_not_jump():
     cup = strips(4)
     scans = torch.tensor([0, 0, 1, 1])
     targets = sphere_targets(cup).select(2 * scans)
-    problem = Objective(cup, targets, Conditions(), scans, cup().edges[:, 1:].detach())
+    problem = Objective(cup, targets, Conditions(), scans, cup.shape().edges[:, 1:].detach())
     stages = [
         LMStage(steps=3, points=0, fairness=0, plainness=10),
         LMStage(steps=8, keep=1, fairness=0, plainness=10, margin_width=0.3),
@@ -232,8 +232,8 @@ def test_impossible_stages_are_refused():
 
 def test_strips_need_no_closing():
     cup = StripsCup(half_circle())
-    assert cup.closure(cup()) is None
-    assert cup.constraints(cup()) == {}
+    assert cup.closure(cup.sketch(cup.flatten())) is None
+    assert cup.constraints(cup.sketch(cup.flatten())) == {}
 
 
 def test_the_neckline_weighs_more_only_where_the_upper_edge_is_too_far():

@@ -11,14 +11,14 @@ from scipy.interpolate import CubicHermiteSpline
 from surfaces import LENSES, stations
 
 from brafit.cup import CupShape
-from brafit.fitting.measure import figures_of, flat_panels, point_distances, wire_places
+from brafit.fitting.measure import figures_of, wire_places
 from brafit.geometry.developable import geodesic_curvature, normals, rulings
 
 
 def figures(shape: CupShape, distances=None, neckline=None, wire=None, smoothing: float = 0.0) -> dict[str, float]:
     distances = torch.zeros(1, dtype=torch.float64) if distances is None else distances
     wire = places_on(shape.edges[0], shape.tangents[0], shape.stations) if wire is None else wire
-    return figures_of(shape, flat_panels(shape), distances, neckline, wire, smoothing)
+    return figures_of(shape, shape.flat(), distances, neckline, wire, smoothing)
 
 
 def places_on(edge: torch.Tensor, tangents: torch.Tensor, s: torch.Tensor) -> torch.Tensor:
@@ -61,7 +61,7 @@ def test_an_exact_cylinder_cup_is_developable_isometric_and_sews_together(panels
     assert own["seam_mismatch_mm"] < 1e-5
     assert own["wire_length_mm"] == pytest.approx(math.pi * RADIUS, rel=1e-9)
     assert own["wire_drift_mm"] < 1e-5
-    flat = flat_panels(shape)
+    flat = shape.flat()
     for k, known in enumerate(lune_flat(panels)):
         width = (known.lower[-1] - known.lower[0]).norm()
         torch.testing.assert_close((flat.lower[k, -1] - flat.lower[k, 0]).norm(), width, rtol=1e-8, atol=0)
@@ -74,7 +74,7 @@ def test_other_developables_too(name):
     assert own["twist_deg_max"] < 1e-4
     assert own["isometry_mm"] < 1e-7
     assert own["regularity_min"] == pytest.approx(panel.margin.min().item())
-    flat = flat_panels(panel.shape)
+    flat = panel.shape.flat()
     torch.testing.assert_close(flat.lower[0], panel.flat_lower, rtol=0, atol=1e-9)
     torch.testing.assert_close(flat.upper[0], panel.flat_upper, rtol=0, atol=1e-9)
 
@@ -96,9 +96,9 @@ def test_point_distances_to_the_two_panel_cup():
     points = RADIUS * np.stack((np.cos(a), np.ones(40), np.sin(a)), axis=1)
     folded = np.abs(a % (np.pi / 4) - np.pi / 8)
     known = RADIUS * (np.cos(folded) - np.cos(np.pi / 8))
-    np.testing.assert_allclose(point_distances(torch.from_numpy(points), lune_cup(2, 201)), known, atol=1e-5)
+    np.testing.assert_allclose(lune_cup(2, 201).distances(torch.from_numpy(points)), known, atol=1e-5)
     points, bound = sphere_points(400)
-    own = point_distances(torch.from_numpy(points), lune_cup(2, 201)).numpy()
+    own = lune_cup(2, 201).distances(torch.from_numpy(points)).numpy()
     assert (own > -1e-5).all()
     assert (own < bound + 1e-5).all()
 

@@ -32,7 +32,7 @@ def target(seed: int, count: int = 150, full: bool = True) -> Target:
             "strap_point": SCALE * np.array([0.1, 0.9, 1.2]),
             "apex": SCALE * np.array([0.7, 1.1, 0.75]),
         }
-    wire = lune_frames()().edges[0, 0, ::4].detach().numpy() * SCALE
+    wire = lune_frames().shape().edges[0, 0, ::4].detach().numpy() * SCALE
     return Target(f"cloud {seed}", cloud(count, seed).numpy() * SCALE, wire, **extra)
 
 
@@ -67,7 +67,7 @@ def objective(targets: list[Target], conditions: Conditions = EVERYTHING, panels
 
 def pressure(problem: Objective) -> Pressure:
     """With multipliers."""
-    constraints = problem.constraints(problem.cup())
+    constraints = problem.constraints(problem.cup.sketch(problem.cup.flatten()))
     generator = torch.Generator().manual_seed(1)
     multipliers = {k: torch.randn(v.shape, generator=generator, dtype=v.dtype) for k, v in constraints.items()}
     return Pressure(7.0, multipliers)
@@ -195,7 +195,7 @@ def test_each_problem_is_as_if_alone_and_padding_does_not_matter():
 def test_a_cup_that_has_all_it_wants_costs_nothing():
     """Points on the cup, neckline along its upper edge, developable panels: only the barrier's tail is left."""
     cup = lune_frames(stations=101)
-    shape: CupShape = cup().map(lambda v: v[0].detach())
+    shape: CupShape = cup.shape().map(lambda v: v[0].detach())
     points = on_panels(shape, 200, np.random.default_rng(0)).numpy()
     edge = shape.edges[-1].numpy()
     own = Target(

@@ -16,7 +16,6 @@ from check_patterns import MissingReaderError, chromium, shown_title, with_title
 from lunes import RADIUS, lune_cup, lune_flat, sphere_points
 
 from brafit.fitting import CupFit, ResultCode, Target
-from brafit.fitting.measure import point_distances
 from brafit.landmarks import CupFrame
 from brafit.pattern import PatternOptions, Side
 from brafit.report.index import write_index
@@ -32,7 +31,7 @@ def result(
 ) -> Result:
     points, _ = sphere_points(2000)
     shape = lune_cup(panels)
-    distances = point_distances(torch.as_tensor(points), shape).numpy()
+    distances = shape.distances(torch.as_tensor(points)).numpy()
     figures = {"rms_mm": float(np.sqrt(np.mean(distances**2))), "twist_deg_max": 0.0, "outline_sd_mm": float("nan")}
     fit = CupFit(name, ResultCode.CONVERGED, "converged", shape, lune_flat(panels), distances, figures, {}, 3, 1.5)
     target = Target(name, points, shape.edges[0].numpy(), apex=apex, strap_point=np.array([0.0, RADIUS, RADIUS]))

@@ -12,7 +12,6 @@ from lunes import RADIUS, sphere_points
 import brafit
 from brafit.errors import InputError
 from brafit.fitting import CupFit, ResultCode
-from brafit.fitting.measure import point_distances
 from brafit.report.row import fitted_row
 from brafit.run.fitting import fitted, target_of
 from brafit.run.likeness import BOUNDS, judged, measures
@@ -112,7 +111,7 @@ def test_assumed_places_count_in_no_figure_and_no_warning(recipe: Recipe) -> Non
     (fit,) = recipe.fit([told], seen.append)
     assert len(fit.distances) == 300
     assert fit.figures["max_mm"] == pytest.approx(np.abs(fit.distances).max())
-    assert (point_distances(torch.as_tensor(places), fit.shape).abs() > 5).double().mean() > 0.5
+    assert (fit.shape.distances(torch.as_tensor(places)).abs() > 5).double().mean() > 0.5
     assert (np.abs(fit.distances) > 5).mean() < 0.05
     assert not [warning for warning in fit.warnings if "of the points are more than" in warning]
     # what the steps tell on the way is of the scan's own points too
