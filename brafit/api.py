@@ -107,9 +107,7 @@ def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str,
     except InputError as error:
         if "runs the wrong way round" in error.cause:
             other = "right" if side == "left" else "left"
-            own = (
-                "points of a Scan are in its cup frame, where right ones are mirrored: give brafit.fit the scan itself"
-            )
+            own = "points of a Scan are in its cup frame, right ones mirrored: give brafit.fit the scan itself"
             remedy = f'Give side="{other}", or the wire from its inner to its outer end; {own}'
             raise InputError(error.file, error.cause, remedy) from None
         if unit := re.search(r"scan\.units=(\w+)", error.remedy):

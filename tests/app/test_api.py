@@ -124,7 +124,7 @@ def test_settings_are_the_commands() -> None:
             BALL / 25.4,
             WIRE / 25.4,
             "left",
-            r"landmarks: wire: \d\.\d+ mm long.*Give points and marks in mill.*scan\.units=in",
+            r"wire: \d\.\d+ mm long.*Give points and marks in mill.*scan\.units=in",
         ),
         (BALL + np.array((0, 0, 500)), WIRE, "left", r"landmarks: wire: nowhere near the cloud, \d{3} mm away from it"),
         (BALL, WIRE, "right", "runs the wrong way round.*give brafit.fit the scan"),

@@ -353,8 +353,8 @@ def test_half_a_wire_is_not_more_than_one_breast(tmp_path):
     write_landmarks(tmp_path / "a.json", landmarks)
     path = write_ply(tmp_path / "a.ply", cup_frame_points())
     assert message(path, tmp_path / "a.json") == (
-        "wire: it covers only a part of the breast's line: it is 102 mm long, the breast 159 mm across. "
-        "Trace the whole crease, from its inner to its outer end."
+        "wire: it covers only a part of the breast's line: it is 102 mm long and hardly bent, the points reach over "
+        "159 mm. Trace the whole crease, from its inner to its outer end."
     )
 
 
