@@ -114,9 +114,9 @@ def gaps_to_sheet(shape: CupShape, edge: int, sheet: Points, normals: Points) ->
         # |x - p|^2 without |x|^2, which does not depend on the point
         away = torch.baddbmm(dot(sheet, sheet)[:, None], points, sheet.mT, alpha=-2)
         index = away.argmin(-1)[..., None].expand(-1, -1, 3)
-        feet, sliding = sheet.gather(1, index), normals.gather(1, index)
         n = points.shape[1]
         rows = (torch.arange(n, device=points.device) + edge % shape.edges.shape[1] * n).expand(len(points), -1)
+    feet, sliding = sheet.gather(1, index), normals.gather(1, index)
     offset = points - feet
     vectors = offset - dot(offset, sliding)[..., None] * sliding
     return Gaps(vectors, rows[..., None], torch.ones_like(points[..., :1]), sliding)

@@ -2,8 +2,8 @@
 conditions' weights, as `torch.autograd` sees them. See `brafit.fitting.implicit`.
 
 What is made of the data before a fit is differentiated through: the smoothing of wire and neckline, and the scale, a
-wire's length over pi. Held are: which point is which, the cup frame that the data are in, the points' weights, and
-what a cloud without a neckline tells of its end (`Conditions.rim`).
+wire's length over pi. Held are: which points are neighbours, the cup frame that the data are in, the points' weights,
+and the places that are assumed where a scan has no data.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import get_args
 
 import torch
 from jaxtyping import Bool, Float
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from brafit.cup.base import Cup
@@ -25,7 +26,7 @@ from brafit.fitting.measure import flat_panels
 from brafit.fitting.neckline import DENSE, LEAST, intervals, side_rows
 from brafit.fitting.objective import Conditions, Objective, Pressure
 from brafit.fitting.solver import Solver
-from brafit.fitting.targets import Target, Targets
+from brafit.fitting.targets import SHEET_NEIGHBOURS, Target, Targets, padded_rows, sheet_rows
 from brafit.geometry.development import FlatPanel, arc_lengths
 from brafit.geometry.grid import chebyshev_analysis
 from brafit.geometry.order import along_curve
@@ -33,7 +34,7 @@ from brafit.geometry.traced import by_arc_length, chords_of, dense, spaced, trac
 
 
 @dataclass(frozen=True)
-class Scan:
+class TensorTarget:
     """A `Target` whose places are tensors that may carry derivatives; mm, in its cup frame, float64 on the CPU.
 
     Attributes:
@@ -49,14 +50,14 @@ class Scan:
     apex: Float[Tensor, "3"] | None = None
 
     @staticmethod
-    def of(target: Target, **given: Tensor) -> "Scan":
+    def of(target: Target, **given: Tensor) -> "TensorTarget":
         """Of a target, with some of its places given as tensors.
 
         Raises:
             TypeError: a name that is no place of a target.
             ValueError: a tensor that is not float64, or another number of points than the target's.
         """
-        own = {f.name: getattr(target, f.name) for f in fields(Scan)[1:]}
+        own = {f.name: getattr(target, f.name) for f in fields(TensorTarget)[1:]}
         for name, value in given.items():
             if name not in own:
                 raise TypeError(f"{name!r} is no place of a scan: there are {', '.join(own)}")
@@ -65,7 +66,7 @@ class Scan:
             if name == "points" and value.shape != target.points.shape:
                 raise ValueError(f"points have the shape {tuple(value.shape)}, the target's {target.points.shape}")
         plain = {k: None if v is None else torch.as_tensor(v, dtype=torch.float64) for k, v in own.items()}
-        return Scan(target, **(plain | given))
+        return TensorTarget(target, **(plain | given))
 
     def held(self) -> Target:
         """As arrays, without derivatives."""
@@ -139,7 +140,7 @@ class DifferentiableFit:
 
     def __call__(
         self,
-        scans: Sequence[Scan],
+        scans: Sequence[TensorTarget],
         *,
         shares: Mapping[str, Tensor] | None = None,
         near: FittedCups | None = None,
@@ -196,7 +197,7 @@ def _millimetres(shape: CupShape, scale: Float[Tensor, " batch"]) -> CupShape:
     return replace(shape, edges=shape.edges * unit[..., None], geodesic=shape.geodesic / unit)
 
 
-def _data(objective: Objective, scans: Sequence[Scan], condition: Conditions, shares: Mapping[str, Tensor]) -> Data:
+def _data(objective: Objective, scans: Sequence[TensorTarget], condition: Conditions, shares: Mapping[str, Tensor]) -> Data:
     """The data in solver units, as functions of the scans' tensors."""
     terms, targets = objective.cup.wire.coefficients.shape[1], objective.targets
     wires = [traced_wire(scan.wire, terms) for scan in scans]
@@ -213,6 +214,8 @@ def _data(objective: Objective, scans: Sequence[Scan], condition: Conditions, sh
     if unknown:
         raise ValueError(f"unknown weight {unknown[0]!r}: allowed are {', '.join(WEIGHTS)}")
     ones = torch.ones_like(scale)
+    sheets = [_sheet(scan, targets.sheet.shape[1]) for scan in scans]
+    sheet, normals, spacing = (torch.stack(parts) for parts in zip(*sheets, strict=True))
     return Data(
         points=_points(scans, targets) / unit[..., None],
         weights=targets.weights,
@@ -220,12 +223,15 @@ def _data(objective: Objective, scans: Sequence[Scan], condition: Conditions, sh
         connection=marks("strap_point"),
         apex=marks("apex"),
         scale=scale,
+        sheet=sheet / unit[..., None],
+        sheet_normals=normals,
+        spacing=spacing / scale,
         wire=torch.stack([coefficients for coefficients, _ in wires]),
         shares=torch.stack([ones * shares.get(name, 1.0) for name in WEIGHTS], dim=1),
     )
 
 
-def _points(scans: Sequence[Scan], targets: Targets) -> Float[Tensor, "batch points 3"]:
+def _points(scans: Sequence[TensorTarget], targets: Targets) -> Float[Tensor, "batch points 3"]:
     """The clouds as `Targets.stack` orders and pads them, mm."""
     rows = []
     for scan in scans:
@@ -235,6 +241,21 @@ def _points(scans: Sequence[Scan], targets: Targets) -> Float[Tensor, "batch poi
         own = every[torch.from_numpy(along_curve(target.seen))]
         rows.append(torch.nn.functional.pad(own, (0, 0, 0, targets.points.shape[1] - len(own))))
     return torch.stack(rows)
+
+
+def _sheet(scan: TensorTarget, size: int) -> tuple[Float[Tensor, "size 3"], Float[Tensor, "size 3"], Float[Tensor, ""]]:
+    """Sheet, normals and spacing of a cloud without a neckline as `Targets.stack` makes them, mm; zeros elsewhere."""
+    cloud = scan.points[torch.from_numpy(sheet_rows(len(scan.points)))]
+    if scan.neckline is not None or len(cloud) <= SHEET_NEIGHBOURS:
+        none = cloud.new_zeros(size, 3)
+        return none, none, cloud.new_zeros(())
+    places = cloud.detach().numpy()
+    near = torch.from_numpy(KDTree(places).query(places, SHEET_NEIGHBOURS + 1)[1])
+    offset = cloud[near] - cloud[near].mean(dim=1, keepdim=True)
+    flattest = torch.linalg.eigh(offset.mT @ offset)[1][:, :, 0]
+    whole = torch.from_numpy(padded_rows(len(cloud), size))
+    apart = (cloud[near[:, 1]] - cloud).norm(dim=-1)
+    return cloud[whole], flattest[whole], torch.quantile(apart, 0.5)
 
 
 def traced_wire(
@@ -247,7 +268,7 @@ def traced_wire(
     return analysis @ positions * (LENGTH / length), length
 
 
-def _neckline(scan: Scan, wave: float, samples: int) -> Float[Tensor, "m 3"]:
+def _neckline(scan: TensorTarget, wave: float, samples: int) -> Float[Tensor, "m 3"]:
     """`smooth_neckline` and its samples, differentiable in the line and the strap point; zeros where none is given."""
     if scan.neckline is None:
         return torch.zeros(samples, 3, dtype=torch.float64)

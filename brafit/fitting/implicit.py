@@ -63,7 +63,8 @@ class Data:
     """What the optimum of B problems depends on, in solver units.
 
     Attributes:
-        points, weights, neckline, connection, apex, scale: as in `brafit.fitting.targets.Targets`.
+        points, weights, neckline, connection, apex, scale, sheet, sheet_normals, spacing: as in
+            `brafit.fitting.targets.Targets`.
         wire: coefficients of the wires.
         shares: what multiplies the conditions' weights, in the order of WEIGHTS; 1: they are as given.
     """
@@ -74,6 +75,9 @@ class Data:
     connection: Float[Tensor, "batch 3"]
     apex: Float[Tensor, "batch 3"]
     scale: Float[Tensor, " batch"]
+    sheet: Float[Tensor, "batch sheet 3"]
+    sheet_normals: Float[Tensor, "batch sheet 3"]
+    spacing: Float[Tensor, " batch"]
     wire: Float[Tensor, "batch terms 3"]
     shares: Float[Tensor, "batch weights"]
 
@@ -81,12 +85,15 @@ class Data:
     def of(objective: Objective) -> "Data":
         """Those of an objective."""
         targets = objective.targets
-        own = (getattr(targets, f.name) for f in fields(Data)[:6])
+        own = (getattr(targets, name) for name in _TARGETS)
         return Data(*own, objective.cup.wire.coefficients, targets.scale.new_ones(len(targets.scale), len(WEIGHTS)))
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:
         return tuple(getattr(self, f.name) for f in fields(self))
+
+
+_TARGETS = tuple(f.name for f in fields(Data))[:9]
 
 
 @dataclass(frozen=True)
@@ -100,7 +107,7 @@ class Problem:
     @staticmethod
     def of(objective: Objective, pressure: Pressure, data: Data) -> "Problem":
         """The problems of an objective with other data: tensors that may carry derivatives."""
-        changed = replace(objective.targets, **{f.name: getattr(data, f.name) for f in fields(Data)[:6]})
+        changed = replace(objective.targets, **{name: getattr(data, name) for name in _TARGETS})
         cup = objective.cup
         if data.wire is not cup.wire.coefficients:
             cup = cup.on(Wire(data.wire, data.scale, cup.wire.smoothing))
