@@ -65,7 +65,7 @@ class TensorTarget:
                 raise ValueError(f"{name} is {value.dtype}; derivatives of a fit need torch.float64")
             if name == "points" and value.shape != target.points.shape:
                 raise ValueError(f"points have the shape {tuple(value.shape)}, the target's {target.points.shape}")
-        plain = {k: None if v is None else torch.as_tensor(v, dtype=torch.float64) for k, v in own.items()}
+        plain = {k: torch.as_tensor(v, dtype=torch.float64) for k, v in own.items() if v is not None}
         return TensorTarget(target, **(plain | given))
 
     def held(self) -> Target:
@@ -160,27 +160,26 @@ class DifferentiableFit:
         targets = [scan.held() for scan in scans]
         wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])
         objective, pressure = self._fitted(targets, wires, near)
-        if not objective.cup.exact:
-            raise ValueError(f"{type(objective.cup).__name__} has constraints; derivatives need a cup without any")
         stopped = objective.cup.flatten().detach()
         problem = Problem.of(objective, pressure, _data(objective, scans, self.condition, shares or {}))
         optimum = polished(problem.held(), stopped)
         parameters = at_optimum(problem, optimum, self.matrix)
         cup, scale = problem.objective.cup, problem.data.scale
-        shape = _millimetres(cup.shape_of(parameters), scale)
+        units = cup.shape_of(parameters)
+        shape = _millimetres(units, scale)
         with torch.no_grad():
             before = objective.cup.shape_of(stopped).edges * scale[:, None, None, None]
             moved = (shape.edges - before).norm(dim=-1).amax((-2, -1))
-        units = flat_panels(cup.shape_of(parameters))
-        flat = FlatPanel(*(v * scale[:, None, None, None] for v in (units.lower, units.upper)))
+        laid = flat_panels(units)
+        flat = FlatPanel(*(v * scale[:, None, None, None] for v in (laid.lower, laid.upper)))
         return FittedCups(parameters, shape, flat, optimum, moved, pressure)
 
-    def _fitted(
-        self, targets: Sequence[Target], wires: Wire, near: FittedCups | None
-    ) -> tuple[Objective, Pressure]:
+    def _fitted(self, targets: Sequence[Target], wires: Wire, near: FittedCups | None) -> tuple[Objective, Pressure]:
         """The objective with cups where the solver stopped, and the weights that it ended with."""
         restarts = self.restarts if near is None else 1
         objective = starting_problems(targets, wires, self.cup, self.condition, restarts)
+        if not objective.cup.exact:
+            raise ValueError(f"{type(objective.cup).__name__} has constraints; derivatives need a cup without any")
         if near is not None:
             objective.cup.load_flat(near.parameters.detach())
             return objective, near.pressure
@@ -197,7 +196,9 @@ def _millimetres(shape: CupShape, scale: Float[Tensor, " batch"]) -> CupShape:
     return replace(shape, edges=shape.edges * unit[..., None], geodesic=shape.geodesic / unit)
 
 
-def _data(objective: Objective, scans: Sequence[TensorTarget], condition: Conditions, shares: Mapping[str, Tensor]) -> Data:
+def _data(
+    objective: Objective, scans: Sequence[TensorTarget], condition: Conditions, shares: Mapping[str, Tensor]
+) -> Data:
     """The data in solver units, as functions of the scans' tensors."""
     terms, targets = objective.cup.wire.coefficients.shape[1], objective.targets
     wires = [traced_wire(scan.wire, terms) for scan in scans]

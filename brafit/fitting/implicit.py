@@ -85,8 +85,9 @@ class Data:
     def of(objective: Objective) -> "Data":
         """Those of an objective."""
         targets = objective.targets
-        own = (getattr(targets, name) for name in _TARGETS)
-        return Data(*own, objective.cup.wire.coefficients, targets.scale.new_ones(len(targets.scale), len(WEIGHTS)))
+        own = {name: getattr(targets, name) for name in _TARGETS}
+        ones = targets.scale.new_ones(len(targets.scale), len(WEIGHTS))
+        return Data(**own, wire=objective.cup.wire.coefficients, shares=ones)
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:
@@ -234,15 +235,17 @@ class _AtOptimum(torch.autograd.Function):
         needed = ctx.needs_input_grad[3:]
         unasked = ctx.problem.unasked(flat)
         solved, usable = solved_each(matrix, upstream[0].masked_fill(unasked, 0.0))
-        solved = torch.where(usable[:, None], solved, torch.nan)
+        solved = torch.where(usable[:, None], solved, 0.0)
         leaves = [d.detach().requires_grad_(need) for d, need in zip(data, needed, strict=True)]
         with torch.enable_grad():
             problem = Problem.of(ctx.problem.objective, ctx.problem.pressure, Data(*leaves))
             gradient = problem.gradient(flat.detach().requires_grad_())[1]
             pull = -(gradient * solved).sum()
         wanted = [leaf for leaf, need in zip(leaves, needed, strict=True) if need]
-        found = iter(torch.autograd.grad(pull, wanted, allow_unused=True, materialize_grads=True))
-        return None, None, None, *(next(found) if need else None for need in needed)
+        found = torch.autograd.grad(pull, wanted, materialize_grads=True) if wanted else ()
+        # no number of one problem may spoil another's
+        told = iter([g.masked_fill(~usable.view(-1, *[1] * (g.dim() - 1)), torch.nan) for g in found])
+        return None, None, None, *(next(told) if need else None for need in needed)
 
 
 def at_optimum(problem: Problem, optimum: Optimum, kind: Kind = "full") -> Flat:

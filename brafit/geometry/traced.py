@@ -92,4 +92,3 @@ def spaced(line: Float[Tensor, "k d"], count: int) -> Float[Tensor, "count d"]:
 def dense(series: Float[Tensor, "terms 3"], count: int) -> Float[Tensor, "count 3"]:
     """Points of a Chebyshev series, evenly spaced in its parameter."""
     return _polynomials(len(series), torch.linspace(-1, 1, count, dtype=series.dtype)) @ series
-
