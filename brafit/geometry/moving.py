@@ -27,7 +27,7 @@ from brafit.geometry.nearest import (
 )
 
 _FLAT = 1e-9
-"""Where the surface's own measure is so small a part of the largest there is, at the cusps, places are held."""
+"""Where a minimum is so flat across some direction, in parts of what it could be, its place is held: at the cusps."""
 
 
 def slid(

@@ -189,6 +189,7 @@ def test_derivatives_are_those_between_fits_of_the_solver_from_the_start():
     assert off(rates[None], known[None]) < 1e-4
 
 
+@pytest.mark.slow
 def test_gauss_newton_is_near_where_little_is_left_and_off_where_conditions_pull():
     """It leaves out what is in proportion to the residuals. A clean recovery has almost none."""
     target, errors = (replace(TARGETS[0], strap_point=None),), []
