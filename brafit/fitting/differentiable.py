@@ -22,7 +22,6 @@ from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, SMOOTHING, Wire
 from brafit.fitting.implicit import WEIGHTS, Data, Kind, Optimum, Problem, at_optimum, polished
 from brafit.fitting.loop import starting_problems, winners
-from brafit.fitting.measure import flat_panels
 from brafit.fitting.neckline import DENSE, LEAST, intervals, side_rows
 from brafit.fitting.objective import Conditions, Objective, Pressure
 from brafit.fitting.solver import Solver
@@ -170,7 +169,7 @@ class DifferentiableFit:
         with torch.no_grad():
             before = objective.cup.shape_of(stopped).edges * scale[:, None, None, None]
             moved = (shape.edges - before).norm(dim=-1).amax((-2, -1))
-        laid = flat_panels(units)
+        laid = units.flat()
         flat = FlatPanel(*(v * scale[:, None, None, None] for v in (laid.lower, laid.upper)))
         return FittedCups(parameters, shape, flat, optimum, moved, pressure)
 
