@@ -9,16 +9,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from brafit.api import fit
+    from brafit.api import fit, layer
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "fit"]
+__all__ = ["__version__", "fit", "layer"]
 
 
 def __getattr__(name: str) -> Any:
     """Import `brafit.fit` when it is asked for: it loads NumPy, for which the command's help need not wait."""
-    if name == "fit":
-        from brafit.api import fit
+    if name in ("fit", "layer"):
+        from brafit import api
 
-        return fit
+        return getattr(api, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

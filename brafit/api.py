@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 from brafit.errors import InputError
 
 if TYPE_CHECKING:
+    from brafit.fitting import DifferentiableFit, Target
+    from brafit.fitting.implicit import Kind
     from brafit.fitting.solver import Callback
     from brafit.landmarks import Landmarks
     from brafit.result import Result
@@ -83,6 +85,40 @@ def fit(
     if row["status"] != "ok":
         raise InputError(scan.name, row["reason"], "Check points and wire: brafit-inspect draws those of a file")
     return result
+
+
+def layer(
+    scans: Sequence[Scan | str | Path], *, settings: Sequence[str] = (), matrix: Kind = "full"
+) -> tuple[DifferentiableFit, list[Target]]:
+    """The fit as a differentiable function, and what it is told of scans.
+
+    ```
+    layer, (target,) = brafit.layer(["anny_04.ply"])
+    points = torch.from_numpy(target.points).requires_grad_()
+    cups = layer([TensorTarget.of(target, points=points)])
+    cups.lengths()[0, 1].backward()  # the ridge's length by every point
+    ```
+
+    Args:
+        scans: `Scan`s, or clouds' files with their landmark files beside them.
+        settings: as on the command line.
+        matrix: of the derivatives, see `brafit.fitting.DifferentiableFit`.
+
+    Raises:
+        InputError: a file that cannot be used.
+        ConfigError: a setting that does not exist or is out of its range.
+        ValueError: an unknown matrix.
+    """
+    from brafit.fitting import DifferentiableFit
+    from brafit.run.fitting import target_of
+    from brafit.run.recipe import recipe_from_settings
+    from brafit.scan import Scan, load_scan
+    from brafit.settings.compose import choices_of, from_settings, plain_settings
+
+    recipe = recipe_from_settings(plain_settings(from_settings([*settings, "out=unused"])), choices_of(settings))
+    made = DifferentiableFit(recipe.cup, recipe.solver, recipe.condition, recipe.restarts, matrix)
+    loaded = [scan if isinstance(scan, Scan) else load_scan(scan, **recipe.scan) for scan in scans]
+    return made, [target_of(scan) for scan in loaded]
 
 
 def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str, settings: Mapping[str, Any]) -> Scan:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, unit
+from brafit.geometry.moving import slid
 from brafit.geometry.nearest import gather_rows, hermite, hermite_slope, nearest_on_curve, weighted
 
 Points = Float[Tensor, "batch m 3"]
@@ -90,13 +91,12 @@ def gaps_to_line(shape: CupShape, edge: int, line: Float[Tensor, "batch k 3"]) -
     points = shape.edges[:, edge]
     with torch.no_grad():
         segment, place = nearest_on_polyline(points, line)
-        feet = polyline_points(line, segment, place)
-        index = segment[..., None].expand(*segment.shape, 3)
-        along = unit(line.gather(1, index + 1) - line.gather(1, index))
-        sliding = ((place > 0) & (place < 1))[..., None] * along
         n = points.shape[1]
         rows = (torch.arange(n, device=points.device) + edge % shape.edges.shape[1] * n).expand(len(points), -1)
-    offset = points - feet
+    index = segment[..., None].expand(*segment.shape, 3)
+    along = unit(line.gather(1, index + 1) - line.gather(1, index))
+    sliding = ((place > 0) & (place < 1))[..., None] * along
+    offset = points - polyline_points(line, segment, place)
     return Gaps(
         vectors=offset - dot(offset, sliding)[..., None] * sliding,
         index=rows[..., None],
@@ -114,16 +114,20 @@ def gaps_to_sheet(shape: CupShape, edge: int, sheet: Points, normals: Points) ->
         # |x - p|^2 without |x|^2, which does not depend on the point
         away = torch.baddbmm(dot(sheet, sheet)[:, None], points, sheet.mT, alpha=-2)
         index = away.argmin(-1)[..., None].expand(-1, -1, 3)
-        feet, sliding = sheet.gather(1, index), normals.gather(1, index)
         n = points.shape[1]
         rows = (torch.arange(n, device=points.device) + edge % shape.edges.shape[1] * n).expand(len(points), -1)
+    feet, sliding = sheet.gather(1, index), normals.gather(1, index)
     offset = points - feet
     vectors = offset - dot(offset, sliding)[..., None] * sliding
     return Gaps(vectors, rows[..., None], torch.ones_like(points[..., :1]), sliding)
 
 
-def gaps_to_points(shape: CupShape, edge: int, points: Points) -> Gaps:
-    """From given points to the nearest points of an edge, a cubic Hermite curve between its stations."""
+def gaps_to_points(shape: CupShape, edge: int, points: Points, moving: bool = False) -> Gaps:
+    """From given points to the nearest points of an edge, a cubic Hermite curve between its stations.
+
+    With `moving`, the nearest points move along the edge as it and the points do: the gaps' squared lengths, whose
+    first derivatives are right anyhow, are so in their second ones as well.
+    """
     line, tangents, stations = shape.edges[:, edge], shape.tangents[:, edge], shape.stations
     n = line.shape[1]
     own = torch.cat((line, tangents), dim=1)
@@ -136,8 +140,11 @@ def gaps_to_points(shape: CupShape, edge: int, points: Points) -> Gaps:
     with torch.no_grad():
         end = ((segment == 0) & (tau == 0)) | ((segment == n - 2) & (tau == 1))
         sliding = torch.where(end[..., None], 0.0, unit(weighted(hermite_slope(tau, h), samples)))
-    offset = weighted(weight, samples) - points
-    vectors = offset - dot(offset, sliding)[..., None] * sliding
+    if moving:
+        vectors = weighted(hermite(slid(points, samples, tau, h, ~end), h), samples) - points
+    else:
+        offset = weighted(weight, samples) - points
+        vectors = offset - dot(offset, sliding)[..., None] * sliding
     edges = shape.edges.shape[1]
     first = edge % edges * n
     shift = torch.tensor([first, first, first + (edges - 1) * n, first + (edges - 1) * n], device=index.device)

@@ -29,6 +29,8 @@ from brafit.geometry.smoothing import chord_parameter, smooth_series
 
 LENGTH = math.pi
 """Length of every wire in solver units."""
+SMOOTHING = 1e-6
+"""Of the smooth wire through given points, see `brafit.geometry.smoothing.smooth_series`."""
 _TERMS = 64
 _CUP_FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
@@ -149,7 +151,7 @@ class Wire(nn.Module):
         return Wire.from_omega((0.0, 1 / radius, 0.0), length, frame)
 
     @staticmethod
-    def from_polyline(points: Float[np.ndarray, "k 3"], smoothing: float = 1e-6) -> "Wire":
+    def from_polyline(points: Float[np.ndarray, "k 3"], smoothing: float = SMOOTHING) -> "Wire":
         """Smooth wire through a polyline whose ends are kept.
 
         `smoothing` is that of `brafit.geometry.smoothing.smooth_series`, in solver units. `self.smoothing` reports the

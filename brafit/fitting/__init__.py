@@ -1,6 +1,7 @@
 """Fitting cups to scans: objective, solvers, results. Knows neither configuration files nor logs."""
 
 from brafit.fitting.anneal import Anneal, Stage
+from brafit.fitting.differentiable import DifferentiableFit, FittedCups, TensorTarget
 from brafit.fitting.lm import LM, LMStage
 from brafit.fitting.loop import CupFit, fit_targets
 from brafit.fitting.nelder_mead import NelderMead
@@ -17,6 +18,8 @@ __all__ = [
     "ConditionLoss",
     "Conditions",
     "CupFit",
+    "DifferentiableFit",
+    "FittedCups",
     "LMStage",
     "NelderMead",
     "ResultCode",
@@ -25,6 +28,7 @@ __all__ = [
     "Stage",
     "Step",
     "Target",
+    "TensorTarget",
     "fit_targets",
     "start_cups",
 ]

@@ -6,10 +6,11 @@ that cut.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy.polynomial import chebyshev
 
 from brafit.geometry.polyline import distances, distinct, evenly_spaced
@@ -17,9 +18,9 @@ from brafit.geometry.smoothing import chord_parameter, smooth_series
 
 STRAP_REACH = 8.0
 """The corner is at the strap point if that is nearer than this (mm) to the line, else there is none."""
-_DENSE = 200
+DENSE = 200
 """Samples of each side."""
-_LEAST = 4
+LEAST = 4
 """Points of a side that can be smoothed."""
 
 
@@ -40,9 +41,14 @@ class Neckline:
         if len(self.sides) == 1:
             return evenly_spaced(self.sides[0], count)
         first, second = self.sides
-        lengths = [np.linalg.norm(np.diff(side, axis=0), axis=1).sum() for side in self.sides]
-        own = int(np.clip(round((count - 1) * lengths[0] / sum(lengths)), 1, count - 2))
+        own = intervals(self.sides, count)
         return np.concatenate([evenly_spaced(first, own + 1), evenly_spaced(second, count - own)[1:]])
+
+
+def intervals(sides: Sequence[Float[np.ndarray, "_ 3"]], count: int) -> int:
+    """How many of the intervals between `count` points the first of two sides gets, by its length."""
+    lengths = [np.linalg.norm(np.diff(side, axis=0), axis=1).sum() for side in sides]
+    return int(np.clip(round((count - 1) * lengths[0] / sum(lengths)), 1, count - 2))
 
 
 def smooth_neckline(
@@ -57,31 +63,36 @@ def smooth_neckline(
             0: the line stays as it is, with its corner brought to the strap point.
     """
     line = distinct(np.asarray(line, dtype=np.float64))
-    sides = [side if wave == 0 or len(side) < _LEAST else _smooth(side, wave) for side in _sides(line, strap_point)]
+    given = line if strap_point is None else np.concatenate([line, strap_point[None]])
+    parts = [given[rows] for rows in side_rows(line, strap_point)]
+    sides = [side if wave == 0 or len(side) < LEAST else _smooth(side, wave) for side in parts]
     return Neckline(tuple(sides), float(distances(line, np.concatenate(sides)).max()))
 
 
-def _sides(line: Float[np.ndarray, "k 3"], strap_point: Float[np.ndarray, "3"] | None) -> list[np.ndarray]:
-    """The line parted at the strap point, which takes the place of points that are next to it: an evenly sampled line
-    cuts its corner off.
+def side_rows(
+    line: Float[np.ndarray, "k 3"], strap_point: Float[np.ndarray, "3"] | None
+) -> list[Int[np.ndarray, " _"]]:
+    """The line parted at the strap point, as numbers of its points. The strap point, number k, takes the place of
+    points that are next to it: an evenly sampled line cuts its corner off.
     """
+    every = np.arange(len(line))
     if strap_point is None or len(line) < 3:
-        return [line]
+        return [every]
     start, step = line[:-1], np.diff(line, axis=0)
     place = (((strap_point - start) * step).sum(axis=1) / (step**2).sum(axis=1)).clip(0, 1)
     away = np.linalg.norm(start + place[:, None] * step - strap_point, axis=1)
     k = int(away.argmin())
     inner = 0 < k + place[k] < len(line) - 1
     if away[k] > STRAP_REACH or not inner:
-        return [line]
+        return [every]
     near = np.linalg.norm(line - strap_point, axis=1) < 0.5 * np.linalg.norm(step[k])
     near[[0, -1]] = False
-    first, second = line[: k + 1][~near[: k + 1]], line[k + 1 :][~near[k + 1 :]]
-    return [np.concatenate([first, strap_point[None]]), np.concatenate([strap_point[None], second])]
+    first, second = every[: k + 1][~near[: k + 1]], every[k + 1 :][~near[k + 1 :]]
+    return [np.append(first, len(line)), np.append(len(line), second)]
 
 
 def _smooth(line: Float[np.ndarray, "k 3"], wave: float) -> Float[np.ndarray, "m 3"]:
     x, chords = chord_parameter(line)
     length = chords.sum()
     series = smooth_series(x, line * (np.pi / length), chords, (wave / (2 * length)) ** 6)
-    return chebyshev.chebval(np.linspace(-1, 1, _DENSE), series).T * (length / np.pi)
+    return chebyshev.chebval(np.linspace(-1, 1, DENSE), series).T * (length / np.pi)

@@ -172,7 +172,7 @@ class Objective:
     ):
         self.cup, self.targets, self.conditions, self.guides = cup, targets, conditions, guides
         self.groups = torch.arange(cup.batch, device=targets.points.device) if groups is None else groups
-        self.guiding = False
+        self.guiding = self.moving = False
         self.shares = (1.0, 1.0)
         self.final_margin_width = conditions.margin_width
 
@@ -195,6 +195,14 @@ class Objective:
     def finer(self) -> "Objective":
         """The same problems with cups on a finer grid."""
         return self._with(cup=self.cup.finer())
+
+    def on(self, cup: Cup, targets: Targets) -> "Objective":
+        """The same problems with other cups and targets."""
+        return self._with(cup=cup, targets=targets)
+
+    def twice_differentiable(self) -> "Objective":
+        """The same problems with edges' nearest points that move along, see `gaps_to_points`."""
+        return self._with(moving=True)
 
     def thinned(self, count: int) -> "Objective":
         """The same problems with at most `count` points each."""
@@ -337,7 +345,8 @@ class Objective:
         c, targets, blocks = self.conditions, self.targets, []
         unit, has_strap = targets.scale[:, None], targets.has_connection[:, None].to(targets.points)
         # one search for the neckline's points and the strap point
-        wanted = gaps_to_points(shape, -1, torch.cat((targets.neckline, targets.connection[:, None]), dim=1))
+        asked = torch.cat((targets.neckline, targets.connection[:, None]), dim=1)
+        wanted = gaps_to_points(shape, -1, asked, self.moving)
         if c.neckline > 0:
             weight = c.neckline * pressure.neckline * targets.has_neckline[:, None].to(targets.points)
             there = gaps_to_line(shape, -1, targets.neckline)
@@ -366,7 +375,7 @@ class Objective:
     def _ridge_gap(self, shape: CupShape) -> Gaps:
         """From the apex to the nearest ridge."""
         apex = self.targets.apex[:, None]
-        gaps = [gaps_to_points(shape, ridge, apex) for ridge in range(1, self.cup.panels)]
+        gaps = [gaps_to_points(shape, ridge, apex, self.moving) for ridge in range(1, self.cup.panels)]
         nearest = torch.stack([g.vectors.detach().square().sum((-2, -1)) for g in gaps]).argmin(0)
         rows = torch.arange(len(nearest), device=nearest.device)
         parts = (f.name for f in fields(Gaps) if f.name != "own")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 from torch import Tensor
 
@@ -21,7 +21,7 @@ SHEET = 2000
 """Points at most that tell where a cloud without a neckline ends."""
 _WIDE = 3.0
 """A patch of points is no patch if its radius is so many times the typical one."""
-_NEIGHBOURS = 12
+SHEET_NEIGHBOURS = 12
 """Neighbours that a point's normal is taken from."""
 
 
@@ -188,18 +188,30 @@ class Targets:
 
 def _sheets(targets: Sequence[Target]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The sheets of the clouds without a neckline with their normals and spacings; the others' are of no account."""
-    clouds = [t.points[:: -(-len(t.points) // SHEET)] if t.neckline is None else t.points[:1] for t in targets]
-    size = max((len(c) for c in clouds if len(c) > 1), default=0)
+    rows = [sheet_rows(len(t.points)) if t.neckline is None else np.arange(1) for t in targets]
+    size = max((len(r) for r in rows if len(r) > 1), default=0)
     sheets, normals, spacings = np.zeros((len(targets), size, 3)), np.zeros((len(targets), size, 3)), []
-    for k, cloud in enumerate(clouds):
+    for k, target in enumerate(targets):
         spacings.append(0.0)
-        if len(cloud) <= _NEIGHBOURS or size == 0:
+        cloud = target.points[rows[k]]
+        if len(cloud) <= SHEET_NEIGHBOURS or size == 0:
             continue
-        away, near = KDTree(cloud).query(cloud, _NEIGHBOURS + 1)
+        away, near = KDTree(cloud).query(cloud, SHEET_NEIGHBOURS + 1)
         offset = cloud[near] - cloud[near].mean(axis=1, keepdims=True)
         flattest = np.linalg.eigh(offset.mT @ offset)[1][:, :, 0]
-        whole = np.arange(size)
-        whole[len(cloud) :] = 0
+        whole = padded_rows(len(cloud), size)
         sheets[k], normals[k] = cloud[whole], flattest[whole]
         spacings[k] = float(np.median(away[:, 1]))
     return sheets, normals, np.array(spacings)
+
+
+def sheet_rows(count: int) -> Int[np.ndarray, " rows"]:
+    """Which of so many points make the sheet of a cloud."""
+    return np.arange(0, count, max(1, -(-count // SHEET)))
+
+
+def padded_rows(count: int, size: int) -> Int[np.ndarray, " size"]:
+    """Numbers from 0 to count, then zeros."""
+    whole = np.arange(size)
+    whole[count:] = 0
+    return whole

@@ -78,6 +78,11 @@ def hermite_slope(tau: Tensor, h: Tensor) -> Tensor:
     return torch.stack((6 * t2 - 6 * tau, 6 * tau - 6 * t2, h * (3 * t2 - 4 * tau + 1), h * (3 * t2 - 2 * tau)), dim=-1)
 
 
+def hermite_bend(tau: Tensor, h: Tensor) -> Tensor:
+    """Their second derivatives by tau."""
+    return torch.stack((12 * tau - 6, 6 - 12 * tau, h * (6 * tau - 4), h * (6 * tau - 2)), dim=-1)
+
+
 def stencil(
     feet: Feet, stations: Float[Tensor, " n"], edge_count: int, slope: bool = False
 ) -> tuple[Int[Tensor, "*batch points 8"], Float[Tensor, "*batch points 8"]]:

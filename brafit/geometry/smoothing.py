@@ -32,7 +32,7 @@ def smooth_series(
     terms = min(TERMS, len(points))
     values = chebyshev.chebvander(x, terms - 1)
     weights = np.convolve(chords, (0.5, 0.5)) / chords.sum()  # trapezoidal: uneven sampling does not matter
-    normal = values.T @ (weights[:, None] * values) + max(smoothing, 1e-12) * _roughness(terms)
+    normal = values.T @ (weights[:, None] * values) + max(smoothing, 1e-12) * roughness(terms)
     ends = values[[0, -1]]
     system = np.block([[normal, ends.T], [ends, np.zeros((2, 2))]])
     right = np.concatenate((values.T @ (weights[:, None] * points), points[[0, -1]]))
@@ -40,7 +40,7 @@ def smooth_series(
 
 
 @lru_cache
-def _roughness(terms: int) -> Float[np.ndarray, "terms terms"]:
+def roughness(terms: int) -> Float[np.ndarray, "terms terms"]:
     """The mean squared third derivative by (x + 1) pi / 2, as a matrix between Chebyshev coefficients."""
     nodes, quadrature = np.polynomial.legendre.leggauss(2 * terms)
     third = chebyshev_synthesis(terms, nodes, 3) * (2 / np.pi) ** 3
