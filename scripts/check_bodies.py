@@ -3,7 +3,8 @@
 Bodies are made by `brafit.simulation.bodies`, which knows where bust point and wire ends are, and scanned by
 `brafit.simulation.scanner`. Both sides of each are loaded as `brafit scan.propose=true scan.side=both` does. Landmarks
 are wrong where the apex is off by more than APEX_LIMIT or an end of the wire by more than ENDS_LIMIT, and where there
-is no breast; wrong ones must be refused or warned of. The exit status is 1 where one is not.
+is no breast; wrong ones should be refused or doubtful. The exit status is 1 where one is neither: of that one the
+command warns in general words only, as of all proposed landmarks.
 """
 
 from __future__ import annotations
@@ -146,8 +147,12 @@ def report(found: Sequence[Outcome], command: str) -> str:
     """The tables, in Markdown."""
     kinds = [kind for kind in KINDS if any(one.kind == kind for one in found)]
     rows = [
-        "| kind | breasts | ok | warned of | refused | apex off: median, 95 %, largest | ends off: median, largest "
-        "| no breast: refused, warned of, ok | wrong and not warned of |",
+        "Of proposed landmarks `brafit` always warns: of doubtful ones with what is unusual, of the others in general",
+        "words, with how far landmarks lay off in this table.",
+        "",
+        "| kind | breasts | nothing unusual | doubtful | refused | apex off: median, 95 %, largest "
+        "| ends off: median, largest "
+        "| no breast: refused, doubtful, not | wrong, though nothing is unusual |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
         *(_row(kind, [one for one in found if one.kind == kind]) for kind in kinds),
         _row("all", found),
@@ -171,7 +176,7 @@ def report(found: Sequence[Outcome], command: str) -> str:
         "",
         *(f"- {count} x {reason}" for reason, count in reasons.most_common()),
         "",
-        f"Wrong and not warned of: {len(wrong)}",
+        f"Wrong, though nothing is unusual: {len(wrong)}",
         "",
         *wrong,
         "",

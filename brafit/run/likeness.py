@@ -30,6 +30,7 @@ from brafit.fitting import CupFit, ResultCode
 from brafit.landmarks.plausibility import polyline_length
 from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
+from brafit.scan.load import DOUBT
 
 BEHIND = 0.05
 """A point so many wire lengths behind the wire's plane is no breast's."""
@@ -126,7 +127,10 @@ def judged(fit: CupFit, scan: Scan) -> CupFit:
     length, faults, warnings = polyline_length(scan.wire), [], []
     if scan.confidence is not None:
         fit = replace(fit, figures=fit.figures | {"landmark_confidence": scan.confidence.value})
-        warnings += [words] if (words := doubt(scan.confidence, scan.origin.marks)) else []
+        words = doubt(scan.confidence, scan.origin.marks)
+        if not words and scan.origin.marks == "proposed":  # wire ends go astray that nothing unusual tells of
+            words = f"nobody has looked at the proposed landmarks, {DOUBT}: look at them with brafit-inspect"
+        warnings += [words] if words else []
     for key, value in measures(fit, scan).items():
         bound = BOUNDS[key]
         scale = 1.0 if key == "wire" else length
