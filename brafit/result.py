@@ -148,10 +148,10 @@ class Result:
         Returns:
             the files, in the order written. Files of an earlier result that are not asked for now are removed.
         """
-        folder = Path(folder)
+        folder, facts = Path(folder), {**self.facts, **(extra or {})}
         written = self._write_patterns(folder) + self._write_meshes(folder)
         if self.options.report:
-            written += self._write_pages(folder, [file.name for file in written], self.facts.get("notes", ()))
+            written += self._write_pages(folder, [file.name for file in written], facts.get("notes", ()))
         for name in FILES:
             if folder / name not in written:
                 (folder / name).unlink(missing_ok=True)
@@ -173,7 +173,7 @@ class Result:
             "files": [file.name for file in written],
         }
         path = folder / "fit.json"
-        write_fit_json(path, self.row(), details | dict(self.facts) | dict(extra or {}))
+        write_fit_json(path, self.row(), details | facts)
         return [*written, path]
 
     @cached_property

@@ -32,6 +32,8 @@ from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
 from brafit.scan.load import DOUBT
 
+AWAY = 0.1
+"""A place of the cup so many wire lengths from every point has no data, even where a cup of two panels is far off."""
 BEHIND = 0.05
 """A point so many wire lengths behind the wire's plane is no breast's."""
 LOOK = "look at the points and the lines with brafit-inspect"
@@ -113,7 +115,7 @@ def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
     found = {key: fit.figures[f"{key}_mm"] / length for key in ("rms", "p95", "max")}
     found |= {"depth": float(height.max()), "behind": float((height < -BEHIND).mean()), "wire": length}
     if scan.confidence is not None:
-        found["uncovered"] = uncovered_share(fit.shape, scan.dense)
+        found["uncovered"] = uncovered_share(fit.shape, scan.dense, AWAY * length)
     return found if scan.gap_share is None else found | {"gap": scan.gap_share}
 
 
