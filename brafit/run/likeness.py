@@ -11,7 +11,7 @@ Lengths are taken as shares of the wire's. Measured on 21 shared and bundled sca
 | depth of the points before the wire's plane | 0.20 to 0.42 | below 0.1, above 0.6 | below 0.04, above 1 |
 | points farther behind that plane than 0.05 | none | above 2 % | above 20 % |
 | length of the wire | 186 to 290 mm | below 150, above 350 mm | see `brafit.landmarks.plausibility` |
-| cup away from all points, of landmarks proposed or mirrored | 0 to 10 % | above 15 % | above 30 % |
+| cup more than 0.1 away from all points, of landmarks proposed or mirrored | not above 15 % | above 15 % | above 30 % |
 | surface between wire and upper line without points | 0 to 15 % | above 10 % | see `brafit.scan.load` |
 
 For comparison, points on the faces of a box give an RMS of 0.17. The largest distance refuses nothing, since a single
