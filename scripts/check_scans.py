@@ -43,9 +43,8 @@ from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
 from brafit.fitting import CupFit, Target, fit_targets
 from brafit.geometry.order import along_curve
-from brafit.geometry.polyline import evenly_spaced
+from brafit.geometry.polyline import evenly_spaced, polyline_length
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_landmarks
-from brafit.landmarks.plausibility import polyline_length
 from brafit.report.uncovered import uncovered_share
 from brafit.run.fitting import target_of
 from brafit.scan import Scan, load_scan

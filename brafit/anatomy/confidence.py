@@ -17,7 +17,7 @@ from brafit.anatomy.apex import mound
 from brafit.anatomy.body import Body
 from brafit.anatomy.wire_detection import guessed_share
 from brafit.errors import InputError
-from brafit.geometry.polyline import evenly_spaced
+from brafit.geometry.polyline import evenly_spaced, polyline_length
 from brafit.surface.normals import Surface
 
 
@@ -139,7 +139,7 @@ def evidence(
         "rise": mound(surface, surface.points[surface.tree.query(apex)[1]]),
         "apex_out": float(apex_out),
         "inner_out": float(inner_out),
-        "wire": float(np.linalg.norm(np.diff(wire, axis=0), axis=1).sum()),
+        "wire": polyline_length(wire),
         "outer_back": float((apex - wire[-1]) @ body.front),
         "guessed": guessed_share(surface, wire),
         "apex_off": float(surface.tree.query(apex)[0]),

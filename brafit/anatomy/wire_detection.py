@@ -16,7 +16,7 @@ from scipy import ndimage, sparse
 from scipy.spatial import KDTree
 
 from brafit.anatomy.crease_sections import folds, rim, smoothed
-from brafit.geometry.polyline import evenly_spaced
+from brafit.geometry.polyline import evenly_spaced, polyline_length
 from brafit.surface.normals import Surface, settle
 from brafit.surface.simplex import minimised
 
@@ -129,7 +129,7 @@ def _astray(surface: Surface, wire: np.ndarray, start: np.ndarray, guessed: floa
     """Whether a wire left the place where it was first laid, or the surface."""
     span, away = float(np.linalg.norm(wire[-1] - wire[0])), KDTree(start).query(wire)[0].max()
     wide = span > WIDEST and guessed > UNSHOWN
-    return bool(_length(wire) > LONGEST or away > FARTHEST or _ashore(surface, wire) or wide)
+    return bool(polyline_length(wire) > LONGEST or away > FARTHEST or _ashore(surface, wire) or wide)
 
 
 def _ashore(surface: Surface, line: np.ndarray) -> bool:
@@ -202,10 +202,6 @@ def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray
         placed = _rigid(flat, crease[near], within)
     within = np.asarray(tree.query(placed)[0]) <= ASTRAY
     return Wire(placed, float(1 - (1 - found.guessed) * within.mean()), found.hollow)
-
-
-def _length(line: np.ndarray) -> float:
-    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
 
 
 def _rigid(points: np.ndarray, aims: np.ndarray, used: np.ndarray | slice = slice(None)) -> np.ndarray:

@@ -19,6 +19,7 @@ from brafit.anatomy.confidence import doubt
 from brafit.atomic import write_text
 from brafit.cloud import Cloud, read_cloud
 from brafit.errors import BrafitError, InputError
+from brafit.geometry.polyline import polyline_length
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_breasts
 from brafit.landmarks.units import MILLIMETRES, body_unit
 from brafit.naming import print_anything
@@ -154,7 +155,7 @@ def _origins(scan: Scan) -> dict[str, str]:
 def _facts(scan: Scan) -> list[str]:
     origin, steps = scan.origin, asdict(scan.cleaning)
     guessed = "" if origin.wire_guessed is None else f", {100 * origin.wire_guessed:.0f} % of it guessed"
-    length = float(np.linalg.norm(np.diff(scan.wire, axis=0), axis=1).sum())
+    length = polyline_length(scan.wire)
     counts = ", ".join(f"{key} {round(value, 2)}" for key, value in steps.items() if value is not None)
     return [
         f"landmarks {origin.marks}, wire {origin.wire}{guessed} ({length:.0f} mm), upper line {origin.neckline}",

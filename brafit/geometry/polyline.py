@@ -1,9 +1,14 @@
-"""Polylines as arrays (NumPy): even spacing, distances."""
+"""Polylines as arrays (NumPy): length, even spacing, distances."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
+
+
+def polyline_length(line: Float[np.ndarray, "k d"]) -> float:
+    """Sum of the lengths of a polyline's segments."""
+    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
 
 
 def distinct(line: Float[np.ndarray, "k d"]) -> Float[np.ndarray, "m d"]:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from brafit.errors import InputError
-from brafit.geometry.polyline import evenly_spaced
+from brafit.geometry.polyline import evenly_spaced, polyline_length
 
 END_TOLERANCE = 5.0
 """How far (mm) a line's end may lie from the point where it should end."""
@@ -125,7 +125,7 @@ def _bow_chord(wire: np.ndarray, file: str | Path) -> np.ndarray:
     """Unit vector between the ends of a wire that is a bow: neither closed nor straight."""
     chord = wire[-1] - wire[0]
     span = float(np.linalg.norm(chord))
-    length = float(np.linalg.norm(np.diff(wire, axis=0), axis=1).sum())
+    length = polyline_length(wire)
     if span < 0.2 * length:
         cause = f"wire: its ends are only {span:.1f} mm apart on {length:.0f} mm of length"
         raise InputError(file, cause, "Trace it from the inner to the outer end only, not round the breast")

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from brafit.cloud.read import FLAG, MIN_POINTS, Cloud
 from brafit.errors import InputError
+from brafit.geometry.polyline import polyline_length
 from brafit.landmarks.file import POINT_NAMES, Landmarks
 from brafit.landmarks.units import NAMES, WIRE_USUAL, unit_of
 from brafit.surface.neighbours import distances_to
@@ -61,11 +62,6 @@ def is_one_breast(points: Float[np.ndarray, "n 3"], wire: Float[np.ndarray, "k 3
     """Whether a cloud holds a breast and its margin only: half of its points are near the middle of the wire."""
     reach = float(np.median(np.linalg.norm(points - wire.mean(axis=0), axis=1)))
     return reach <= BREAST_REACH * polyline_length(wire)
-
-
-def polyline_length(line: Float[np.ndarray, "k 3"]) -> float:
-    """Sum of the lengths of a polyline's segments."""
-    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
 
 
 def _check_wire_length(file: Path, length: float) -> None:

@@ -27,7 +27,7 @@ import numpy as np
 
 from brafit.anatomy.confidence import doubt
 from brafit.fitting import CupFit, ResultCode
-from brafit.landmarks.plausibility import polyline_length
+from brafit.geometry.polyline import polyline_length
 from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
 from brafit.scan.load import DOUBT

@@ -13,8 +13,8 @@ from brafit.anatomy.confidence import Confidence, refusal
 from brafit.anatomy.torso import TORSO_SIZE, judged, proposals
 from brafit.cloud.read import Cloud
 from brafit.errors import InputError
+from brafit.geometry.polyline import polyline_length
 from brafit.landmarks.file import Landmarks, read_breasts
-from brafit.landmarks.plausibility import polyline_length
 from brafit.landmarks.units import MILLIMETRES, NAMES, Units, body_unit, cloud_unit, wire_unit
 from brafit.surface.symmetry import Mirror, mirror_of
 

@@ -12,9 +12,10 @@ from scipy.spatial import KDTree
 
 from brafit.cloud.read import MIN_POINTS
 from brafit.errors import InputError
+from brafit.geometry.polyline import polyline_length
 from brafit.landmarks.cup_frame import CupFrame
 from brafit.landmarks.file import Landmarks
-from brafit.landmarks.plausibility import is_one_breast, polyline_length
+from brafit.landmarks.plausibility import is_one_breast
 from brafit.scan.framed import Framed, frame_of, inner_end_first
 from brafit.scan.marked import MIRROR_RMS, Marked
 from brafit.surface.cleaning import Tidy, tidy

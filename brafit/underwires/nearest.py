@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from brafit.geometry.polyline import polyline_length
 from brafit.underwires.sizes import CATALOGUE, WireSize
 
 
@@ -30,7 +31,7 @@ def nearest_wire(line: Float[np.ndarray, "k 3"]) -> NearestWire:
     Args:
         line: a wire line from end to end, mm.
     """
-    length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+    length = polyline_length(line)
     span = float(np.linalg.norm(line[-1] - line[0]))
     found = (NearestWire(wire, wire.length - length, wire.span - span) for wire in CATALOGUE)
     return min(found, key=lambda near: math.hypot(near.length, near.span))
