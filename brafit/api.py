@@ -58,19 +58,12 @@ def fit(
         ConfigError: a setting that does not exist or is out of its range.
     """
     from brafit.run.fitting import fitted, result_of
-    from brafit.run.recipe import recipe_from_settings
+    from brafit.run.recipe import recipe_of
     from brafit.scan import Scan, load_scan
-    from brafit.settings.compose import choices_of, from_settings, plain_settings
 
-    settings = [settings] if isinstance(settings, str) else settings
-    recipe = recipe_from_settings(plain_settings(from_settings([*settings, "out=unused"])), choices_of(settings))
-    arrays = {
-        "wire": wire,
-        "neckline": neckline,
-        "strap_point": strap_point,
-        "apex": apex,
-        "inside": inside,
-    }
+    settings = _listed(settings)
+    recipe = recipe_of(settings)
+    arrays = {"wire": wire, "neckline": neckline, "strap_point": strap_point, "apex": apex, "inside": inside}
     if isinstance(points, Scan | str | Path):
         own = [text.partition("=")[0] for text in settings if text.startswith("scan.")]
         loaded = {"side": side, **dict.fromkeys(own, True)} if isinstance(points, Scan) else {}
@@ -88,7 +81,7 @@ def fit(
 
 
 def layer(
-    scans: Sequence[Scan | str | Path], *, settings: Sequence[str] = (), matrix: Kind = "full"
+    scans: Sequence[Scan | str | Path], *, settings: str | Sequence[str] = (), matrix: Kind = "full"
 ) -> tuple[DifferentiableFit, list[Target]]:
     """The fit as a differentiable function, and what it is told of scans.
 
@@ -111,14 +104,17 @@ def layer(
     """
     from brafit.fitting import DifferentiableFit
     from brafit.run.fitting import target_of
-    from brafit.run.recipe import recipe_from_settings
+    from brafit.run.recipe import recipe_of
     from brafit.scan import Scan, load_scan
-    from brafit.settings.compose import choices_of, from_settings, plain_settings
 
-    recipe = recipe_from_settings(plain_settings(from_settings([*settings, "out=unused"])), choices_of(settings))
+    recipe = recipe_of(_listed(settings))
     made = DifferentiableFit(recipe.cup, recipe.solver, recipe.condition, recipe.restarts, matrix)
     loaded = [scan if isinstance(scan, Scan) else load_scan(scan, **recipe.scan) for scan in scans]
     return made, [target_of(scan) for scan in loaded]
+
+
+def _listed(settings: str | Sequence[str]) -> Sequence[str]:
+    return [settings] if isinstance(settings, str) else settings
 
 
 def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str, settings: Mapping[str, Any]) -> Scan:

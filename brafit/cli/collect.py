@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from brafit.cli.status import NOTHING_RAN
 from brafit.errors import BrafitError
 from brafit.naming import print_anything
 from brafit.run.closing import closing
@@ -26,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         done = collect(given.folders, given.out)
     except BrafitError as error:
         print(f"brafit-collect: {error}", file=sys.stderr)
-        sys.exit(2)
+        sys.exit(NOTHING_RAN)
     print(closing(done, given.out or given.folders[0]))
 
 

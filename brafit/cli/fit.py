@@ -27,6 +27,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from brafit import __version__
 from brafit.atomic import write_text
 from brafit.cli.arguments import prepared
+from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED
 from brafit.errors import BrafitError, ConfigError
 from brafit.naming import print_anything
 from brafit.run.folder import is_about_writing, make_writable, why_not
@@ -41,7 +42,6 @@ from brafit.settings.quoting import unquoted
 if TYPE_CHECKING:
     from brafit.run.job import Job, Row
 
-ALL_OK, SOME_FAILED, NOTHING_RAN, INTERRUPTED = 0, 1, 2, 130
 _STATUSES = "BRAFIT_STATUSES"
 
 # What the callback below saw in this process: None while no job was begun, else the exit status.

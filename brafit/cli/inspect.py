@@ -17,6 +17,7 @@ import numpy as np
 from brafit.anatomy import proposed_landmarks
 from brafit.anatomy.confidence import doubt
 from brafit.atomic import write_text
+from brafit.cli.status import ALL_OK, NOTHING_RAN, SOME_FAILED
 from brafit.cloud import Cloud, read_cloud
 from brafit.errors import BrafitError, InputError
 from brafit.geometry.polyline import polyline_length
@@ -25,8 +26,6 @@ from brafit.landmarks.units import MILLIMETRES, body_unit
 from brafit.naming import print_anything
 from brafit.scan import Scan, find_scans, load_sides, scan_names
 from brafit.underwires.nearest import nearest_wire
-
-ALL_OK, SOME_FAILED, NOTHING_RAN = 0, 1, 2
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -18,7 +18,13 @@ from brafit.surface import point_weights
 
 def target_of(scan: Scan) -> Target:
     """What the fit is told of a scan: its points, marks and assumed places, and what each of them weighs."""
-    target = Target(
+    target = _unweighted(scan)
+    return replace(target, weights=point_weights(target.seen, scan.curve))
+
+
+def _unweighted(scan: Scan) -> Target:
+    """Without the weights, which take time and which only the fit asks for."""
+    return Target(
         name=scan.name,
         points=scan.points,
         wire=scan.wire,
@@ -27,7 +33,6 @@ def target_of(scan: Scan) -> Target:
         apex=scan.apex,
         assumed=scan.assumed,
     )
-    return replace(target, weights=point_weights(target.seen, scan.curve))
 
 
 def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callable[[Step], None] | None = None) -> list[CupFit]:
@@ -49,7 +54,7 @@ def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
     }
     side: Side = "right" if scan.side == "right" else "left"
     facts = scan_facts(scan, fit)
-    return Result(fit, target_of(scan), side, scan.frame, recipe.pattern, sources, recipe.model, facts)
+    return Result(fit, _unweighted(scan), side, scan.frame, recipe.pattern, sources, recipe.model, facts)
 
 
 def scan_facts(scan: Scan, fit: CupFit) -> dict[str, Any]:

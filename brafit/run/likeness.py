@@ -25,12 +25,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from brafit.anatomy.confidence import doubt
+from brafit.anatomy.confidence import warning
 from brafit.fitting import CupFit, ResultCode
 from brafit.geometry.polyline import polyline_length
 from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
-from brafit.scan.load import DOUBT
 
 AWAY = 0.1
 """A place of the cup so many wire lengths from every point has no data, even where a cup of two panels is far off."""
@@ -129,10 +128,7 @@ def judged(fit: CupFit, scan: Scan) -> CupFit:
     length, faults, warnings = polyline_length(scan.wire), [], []
     if scan.confidence is not None:
         fit = replace(fit, figures=fit.figures | {"landmark_confidence": scan.confidence.value})
-        words = doubt(scan.confidence, scan.origin.marks)
-        if not words and scan.origin.marks == "proposed":  # wire ends go astray that nothing unusual tells of
-            words = f"nobody has looked at the proposed landmarks, {DOUBT}: look at them with brafit-inspect"
-        warnings += [words] if words else []
+        warnings += [words] if (words := warning(scan.confidence, scan.origin.marks)) else []
     for key, value in measures(fit, scan).items():
         bound = BOUNDS[key]
         scale = 1.0 if key == "wire" else length

@@ -72,6 +72,17 @@ class Recipe:
         }
 
 
+def recipe_of(settings: Sequence[str]) -> Recipe:
+    """The recipe that the command line would make of `key=value` texts.
+
+    Raises:
+        ConfigError: a setting that does not exist or is out of its range.
+    """
+    from brafit.settings.compose import choices_of, from_settings, plain_settings  # Hydra takes a moment
+
+    return recipe_from_settings(plain_settings(from_settings([*settings, "out=unused"])), choices_of(settings))
+
+
 def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) -> Recipe:
     """The recipe of composed settings.
 

@@ -31,9 +31,6 @@ from brafit.surface.normals import surface_of
 from brafit.surface.thickness import fills_a_volume
 from brafit.underwires.sizes import wire_size
 
-DOUBT = "give or take 3 mm at the apex and 21 mm at the wire's ends, on some bodies 14 and 65 mm"
-"""How far proposed landmarks lay off the truth on 220 made bodies, median and largest (docs/proposals.md; breasts that
-hang from a chest cut off behind apart)."""
 NOISY = 1.0
 """Scatter (mm) of the cleaned points that is said."""
 GAPS_MOST = 0.6

@@ -16,21 +16,18 @@ from brafit.fitting import CupFit, ResultCode
 from brafit.report.row import fitted_row
 from brafit.run.fitting import fitted, target_of
 from brafit.run.likeness import BOUNDS, judged, measures
-from brafit.run.recipe import Recipe, recipe_from_settings
+from brafit.run.recipe import Recipe, recipe_of
 from brafit.samples import sample_paths
 from brafit.scan import Scan, load_scan
-from brafit.settings.compose import choices_of, from_settings
 
-QUICK = ["experiment=quick", "out=unused"]
+QUICK = ["experiment=quick"]
 ANGLE = np.linspace(0, np.pi, 40)
 WIRE = RADIUS * np.stack((np.sin(ANGLE), 1 - np.cos(ANGLE), 0 * ANGLE), -1)
 
 
 @pytest.fixture(scope="module")
 def recipe() -> Recipe:
-    from brafit.settings.compose import plain_settings
-
-    return recipe_from_settings(plain_settings(from_settings(QUICK)), choices_of(QUICK))
+    return recipe_of(QUICK)
 
 
 @pytest.fixture(scope="module")
