@@ -121,6 +121,7 @@ def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str,
     """The scan of arrays, loaded as a file is."""
     from brafit.cloud.read import MIN_POINTS, Cloud
     from brafit.landmarks.file import SIDES
+    from brafit.run.recipe import READING
     from brafit.scan import load_scan
 
     if arrays["wire"] is None:
@@ -132,7 +133,7 @@ def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str,
     flag = None if arrays["inside"] is None else np.asarray(arrays["inside"]).astype(bool).reshape(-1)
     if flag is not None and len(flag) != len(cloud):
         raise InputError("inside", f"has {len(flag)} entries for {len(cloud)} points", "Give one a point")
-    given = {key: value for key, value in settings.items() if key not in ("read_seconds", "mesh_points", "propose")}
+    given = {key: value for key, value in settings.items() if key not in (*READING, "propose")}
     given["units"] = given.get("units") or "mm"
     try:
         return load_scan(Cloud(Path("points"), cloud, None, flag), name=name, landmarks=marks, **given)

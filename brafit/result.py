@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
@@ -19,7 +21,18 @@ from brafit.cup.shape import CupShape
 from brafit.fitting import CupFit, Target
 from brafit.fitting.certainty import outline_deviation
 from brafit.landmarks import CupFrame
-from brafit.pattern import Pattern, PatternOptions, Piece, Side, deepest_point, finish, marks_on, pieces_from_panels
+from brafit.pattern import (
+    Pattern,
+    PatternOptions,
+    Piece,
+    Side,
+    deepest_point,
+    finish,
+    marks_on,
+    pieces_from_panels,
+    write_patterns,
+)
+from brafit.pattern.writers import OTHER_FILES, WRITERS
 from brafit.report.dimensions import Dimension, dimension_deviation, dimensions
 from brafit.report.mesh import (
     PanelMesh,
@@ -34,11 +47,8 @@ from brafit.report.paper import PaperPanel, paper_gap, paper_panels
 from brafit.report.row import fitted_row
 from brafit.report.table import write_fit_json
 
-FILES = (
-    "patterns.svg", "patterns.dxf", "patterns.pdf", "patterns_sheet.pdf", "cup.ply", "cup.obj", "cup.glb", "points.ply",
-    "report.html", "thumbnail.png",
-)  # fmt: skip
-"""Every file that a result may consist of, besides fit.json."""
+FILES = (*(name for writer in WRITERS.values() for name in writer.files), *(set(OTHER_FILES) - {"fit.json"}))
+"""Every file of brafit's own that a result may consist of, besides fit.json."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +162,7 @@ class Result:
         written = self._write_patterns(folder) + self._write_meshes(folder)
         if self.options.report:
             written += self._write_pages(folder, [file.name for file in written], facts.get("notes", ()))
-        for name in FILES:
+        for name in result_files(folder):
             if folder / name not in written:
                 (folder / name).unlink(missing_ok=True)
         pattern = self.patterns()
@@ -162,6 +172,7 @@ class Result:
             "edges_mm": {piece.name: {line.name: line.length for line in piece.sew} for piece in pattern.pieces},
             "frame": {"origin": self.frame.origin, "axes": self.frame.axes},
             "parameters": self.fit.parameters,
+            "conditions": self.fit.conditions,
             "pattern": {
                 "warnings": list(pattern.warnings),
                 "seams_mm": pattern.seams,
@@ -199,7 +210,7 @@ class Result:
 
     def _write_patterns(self, folder: Path) -> list[Path]:
         formats, drawing = self.options.formats, folder / "patterns.svg"
-        if "svg" in formats:
+        if "svg" in formats:  # drawn once, for the report as well
             write_bytes(drawing, self._drawing)
         others = [name for name in formats if name != "svg"]
         written = write_patterns(folder, [self.patterns()], self.name, self._note, others)
@@ -248,32 +259,17 @@ class Result:
         return [folder / "report.html", folder / "thumbnail.png"]
 
 
-def write_patterns(
-    folder: Path, patterns: Sequence[Pattern], title: str, note: str, formats: Sequence[str]
-) -> list[Path]:
-    """Write what is asked for: patterns.svg, patterns.dxf, and as PDF patterns.pdf (tiled) and patterns_sheet.pdf.
-
-    Returns:
-        the files.
-    """
-    written = []
-    if "svg" in formats:
-        from brafit.pattern.svg import write_svg
-
-        write_svg(folder / "patterns.svg", patterns, title, note)
-        written.append(folder / "patterns.svg")
-    if "dxf" in formats:
-        from brafit.pattern.dxf import write_dxf
-
-        write_dxf(folder / "patterns.dxf", patterns, title)
-        written.append(folder / "patterns.dxf")
-    if "pdf" in formats:
-        from brafit.pattern.pdf import write_pdf_sheet, write_pdf_tiles
-
-        write_pdf_tiles(folder / "patterns.pdf", patterns, title, note)
-        write_pdf_sheet(folder / "patterns_sheet.pdf", patterns, title, note)
-        written += [folder / "patterns.pdf", folder / "patterns_sheet.pdf"]
-    return written
+def result_files(folder: Path) -> set[str]:
+    """Names of the files that an earlier result may have left in a folder: FILES, and those that its fit.json names."""
+    named: object = None
+    with contextlib.suppress(OSError, ValueError):
+        content = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
+        named = content.get("files") if isinstance(content, dict) else None
+    others = named if isinstance(named, list) else []
+    return {
+        *FILES,
+        *(str(name) for name in others if str(name) not in ("", "..") and Path(str(name)).name == str(name)),
+    }
 
 
 def _notches(piece: Any) -> list[dict[str, Any]]:

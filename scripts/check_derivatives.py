@@ -19,7 +19,7 @@ from torch import Tensor
 
 import brafit
 from brafit.fitting import DifferentiableFit, FittedCups, Target, TensorTarget
-from brafit.fitting.implicit import WEIGHTS
+from brafit.fitting.objective import WEIGHTS
 from brafit.samples import sample_paths
 
 PLACES = ("points", "wire", "neckline", "strap_point", "apex")

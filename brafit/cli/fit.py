@@ -21,7 +21,6 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
-from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
 from brafit import __version__
@@ -37,6 +36,7 @@ from brafit.run.store import differences, relevant
 from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
 from brafit.settings.checks import check, check_launcher
 from brafit.settings.compose import explain, from_settings, help_text, plain_settings, register
+from brafit.settings.entries import made
 from brafit.settings.quoting import unquoted
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ def job_of(settings: Mapping[str, Any], choices: Mapping[str, Any], out: Path) -
     """The job of composed settings, whose results go to `out`."""
     from brafit.run.job import Job
 
-    sinks = [instantiate(sink) for sink in settings["sinks"].values() if sink is not None]
+    sinks = [made(sink, f"sinks.{name}") for name, sink in settings["sinks"].items() if sink is not None]
     names = {group: choices.get(group) for group in ("cup", "solver")}
     return Job(
         out=out,

@@ -5,7 +5,7 @@ All are read in a process of its own, with a time limit, unless the caller's pro
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from brafit.cloud.mesh import ABSURD, FLAG, MESH_FORMATS
+from brafit.cloud.reader import Reader, reader_for
 from brafit.cloud.refusal import RefusedError
 from brafit.cloud.text import TEXT_FORMATS
 from brafit.cloud.worker import ReaderError, read_apart, read_here
@@ -65,7 +66,12 @@ class Cloud:
 
 
 def read_cloud(
-    path: str | Path, *, seconds: float = READ_SECONDS, mesh_points: int = MESH_POINTS, apart: bool = True
+    path: str | Path,
+    *,
+    seconds: float = READ_SECONDS,
+    mesh_points: int = MESH_POINTS,
+    apart: bool = True,
+    readers: Sequence[Reader] = (),
 ) -> Cloud:
     """Read a scan (`FORMATS`), in float64.
 
@@ -74,15 +80,17 @@ def read_cloud(
         mesh_points: points to sample on a mesh.
         apart: read in a process of its own, so that a file that crashes or stalls a reader costs no more than itself.
             False: in this process, without a time limit, for a process that is guarded as a whole.
+        readers: of other kinds of files; they come before brafit's own.
 
     Raises:
         InputError: no such file, a format that is not read, a damaged file, fewer than `MIN_POINTS` points, most
             coordinates not finite.
     """
     path = Path(path)
-    _check_file(path)
+    own = reader_for(path, readers)
+    _check_file(path, {end for reader in readers for end in reader.suffixes})
     read = partial(read_apart, seconds=seconds) if apart else read_here
-    columns = _read(path, read, mesh_points)
+    columns = _read(path, read, mesh_points, own)
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is reported below
         points = np.ascontiguousarray(columns["positions"], dtype=np.float64)
     finite = _check_points(path, points, image="image" in columns)
@@ -98,15 +106,16 @@ def read_cloud(
     )
 
 
-def _check_file(path: Path) -> None:
-    formats = ", ".join(sorted(FORMATS))
+def _check_file(path: Path, others: Set[str]) -> None:
+    known = FORMATS | others
+    formats = ", ".join(sorted(known))
     if path.is_dir():
         raise InputError(path, "is a folder without usable scans", "Name a folder with clouds and landmark files")
     if not path.exists():
         raise InputError(path, "there is no such file", "Check the path")
     if not path.is_file():
         raise InputError(path, "is no regular file, but a pipe, a device or the like", "Name a cloud")
-    if path.suffix.lower() not in FORMATS:
+    if path.suffix.lower() not in known:
         raise InputError(path, f"is not a cloud of a known format ({formats})", "Name a cloud, or export it as .ply")
     try:
         with path.open("rb") as file:
@@ -117,11 +126,14 @@ def _check_file(path: Path) -> None:
         raise InputError(path, "the file is empty", _COMPLETE)
 
 
-def _read(path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points: int) -> dict[str, np.ndarray]:
+def _read(
+    path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points: int, own: Reader | None
+) -> dict[str, np.ndarray]:
     """The cloud's columns by name."""
-    _check_extension(path)
+    if own is None:
+        _check_extension(path)
     try:
-        columns = _columns(path, read, mesh_points)
+        columns = _columns(path, read, mesh_points) if own is None else read(own, path)
     except ReaderError as error:
         remedy = "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds"
         raise InputError(path, f"cannot be read as a cloud ({error})", remedy) from None

@@ -3,8 +3,8 @@
 The process is started once and kept; after a crash or at the end of the time limit it is replaced. It is a plain
 `python -m brafit.cloud.worker`, so callers need no `__main__` guard.
 
-Protocol, both ways: eight bytes of length, then a pickle. A request is (reader, path, arguments), a reply
-("ok", columns) or (kind of error, message).
+Protocol, both ways: eight bytes of length, then a pickle. A request is (reader, path, arguments), where the reader is
+the name of one of `_readers` or a pickled `Reader`; a reply is ("ok", columns) or (kind of error, message).
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from brafit.cloud.reader import Reader, read_columns
 from brafit.cloud.refusal import RefusedError
 from brafit.errors import BrafitError
 from brafit.naming import plain_path
@@ -39,8 +41,10 @@ class ReaderError(ValueError):
     """A reader crashed, took too long or ran out of memory; the message is a short reason."""
 
 
-def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dict[str, np.ndarray]:
-    """Columns of a file, read by one of `_readers` in the other process.
+def read_apart(reader: str | Reader, path: Path, seconds: float, **arguments: Any) -> dict[str, np.ndarray]:
+    """Columns of a file, read in the other process, by one of `_readers` or another reader.
+
+    A reader whose class only this process knows (of its main module) reads here.
 
     Raises:
         ReaderError: the reader crashed, took longer than `seconds` or needed too much memory.
@@ -50,12 +54,15 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
         BrafitError: a library is missing.
     """
     global _child
+    if type(reader).__module__ == "__main__":
+        return read_here(reader, path, **arguments)
+    called = reader if isinstance(reader, str) else pickle.dumps(reader)
     with _lock:
-        if _child is None or _child.owner != os.getpid() or not _child.alive():
+        if _child is None or _child.owner != os.getpid() or not _child.alive() or _child.paths != _import_paths():
             _child = _Child()
         try:
             kind, content = _child.ask(
-                (reader, str(path.absolute()), arguments), seconds
+                (called, str(path.absolute()), arguments), seconds
             )  # the child has its own folder
         except (EOFError, OSError, TimeoutError) as error:
             ending = _child.end()
@@ -66,11 +73,12 @@ def read_apart(reader: str, path: Path, seconds: float, **arguments: Any) -> dic
     return _taken(kind, content)
 
 
-def read_here(reader: str, path: Path, **arguments: Any) -> dict[str, np.ndarray]:
+def read_here(reader: str | Reader, path: Path, **arguments: Any) -> dict[str, np.ndarray]:
     """As `read_apart`, but in this very process and without a time limit: a crash ends it. For processes that are
     guarded themselves.
     """
-    return _taken(*_answer(_readers()[reader], path, arguments))
+    function = _readers()[reader] if isinstance(reader, str) else partial(read_columns, reader=reader)
+    return _taken(*_answer(function, path, arguments))
 
 
 def _taken(kind: str, content: Any) -> dict[str, np.ndarray]:
@@ -106,14 +114,13 @@ class _Child:
 
     def __init__(self) -> None:
         self.owner = os.getpid()
-        root = str(Path(__file__).resolve().parents[2])
-        paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
+        self.paths = _import_paths()
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "brafit.cloud.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(self.paths)},
         )
         self._replies: Queue[Any] = Queue()
         threading.Thread(target=self._listen, daemon=True).start()
@@ -197,6 +204,18 @@ def _readers() -> dict[str, Callable[..., dict[str, np.ndarray]]]:
     return {"mesh": read_mesh, "text": read_text, "pcd": read_pcd, "arrays": read_arrays}
 
 
+def _import_paths() -> tuple[str, ...]:
+    """Where this process looks for modules, so that the other one finds a reader's."""
+    root = str(Path(__file__).resolve().parents[2])
+    return (root, *(path or os.getcwd() for path in sys.path if os.pathsep not in path))
+
+
+def _other(reader: bytes) -> Callable[..., dict[str, np.ndarray]]:
+    """What reads, of a pickled `Reader`."""
+    found = pickle.loads(reader)
+    return partial(read_columns, reader=found)
+
+
 def _serve() -> None:
     requests = sys.stdin.buffer
     # What libraries print must not get between the replies.
@@ -210,7 +229,12 @@ def _serve() -> None:
             reader, path, arguments = _receive(requests)
         except EOFError:
             return
-        _send(replies, _answer(readers[reader], Path(path), arguments))
+        try:
+            function = readers[reader] if isinstance(reader, str) else _other(reader)
+        except Exception as error:
+            _send(replies, ("library", f"its reader cannot be imported in another process ({error})"))
+            continue
+        _send(replies, _answer(function, Path(path), arguments))
 
 
 if __name__ == "__main__":

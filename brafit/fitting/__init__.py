@@ -1,6 +1,7 @@
 """Fitting cups to scans: objective, solvers, results. Knows neither configuration files nor logs."""
 
 from brafit.fitting.anneal import Anneal, Stage
+from brafit.fitting.condition import Condition
 from brafit.fitting.differentiable import DifferentiableFit, FittedCups, TensorTarget
 from brafit.fitting.lm import LM, LMStage
 from brafit.fitting.loop import CupFit, fit_targets
@@ -15,6 +16,7 @@ from brafit.fitting.training import ConditionLoss
 __all__ = [
     "LM",
     "Anneal",
+    "Condition",
     "ConditionLoss",
     "Conditions",
     "CupFit",

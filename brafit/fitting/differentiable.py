@@ -20,10 +20,10 @@ from torch import Tensor
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, SMOOTHING, Wire
-from brafit.fitting.implicit import WEIGHTS, Data, Kind, Optimum, Problem, at_optimum, polished
+from brafit.fitting.implicit import Data, Kind, Optimum, Problem, at_optimum, polished
 from brafit.fitting.loop import starting_problems, winners
 from brafit.fitting.neckline import DENSE, LEAST, intervals, side_rows
-from brafit.fitting.objective import Conditions, Objective, Pressure
+from brafit.fitting.objective import Conditions, Objective, Pressure, weight_names
 from brafit.fitting.solver import Solver
 from brafit.fitting.targets import SHEET_NEIGHBOURS, Target, Targets, padded_rows, sheet_rows
 from brafit.geometry.development import FlatPanel, arc_lengths
@@ -148,8 +148,8 @@ class DifferentiableFit:
 
         Args:
             scans: what to fit.
-            shares: what multiplies the conditions' weights, by their names in `WEIGHTS`: tensors of shape (B,) or ();
-                with 1 a weight is as it is in `condition`.
+            shares: what multiplies the conditions' weights, by their names, see `weight_names`: tensors of shape (B,)
+                or (); with 1 a weight is as it is in `condition`.
             near: cups that differ little, such as those of a step before: the optimum is sought from there, with the
                 weights raised as they were, and no solver runs.
 
@@ -210,9 +210,9 @@ def _data(
         own = [getattr(scan, name) for scan in scans]
         return torch.stack([scale.new_zeros(3) if v is None else v for v in own]) / unit
 
-    unknown = sorted(set(shares) - set(WEIGHTS))
-    if unknown:
-        raise ValueError(f"unknown weight {unknown[0]!r}: allowed are {', '.join(WEIGHTS)}")
+    names = weight_names(condition)
+    if unknown := sorted(set(shares) - set(names)):
+        raise ValueError(f"unknown weight {unknown[0]!r}: allowed are {', '.join(names)}")
     ones = torch.ones_like(scale)
     sheets = [_sheet(scan, targets.sheet.shape[1]) for scan in scans]
     sheet, normals, spacing = (torch.stack(parts) for parts in zip(*sheets, strict=True))
@@ -227,7 +227,7 @@ def _data(
         sheet_normals=normals,
         spacing=spacing / scale,
         wire=torch.stack([coefficients for coefficients, _ in wires]),
-        shares=torch.stack([ones * shares.get(name, 1.0) for name in WEIGHTS], dim=1),
+        shares=torch.stack([ones * shares.get(name, 1.0) for name in names], dim=1),
     )
 
 

@@ -24,7 +24,7 @@ from torch.autograd.function import once_differentiable
 
 from brafit.cup.wire import Wire
 from brafit.fitting.normal import normal_equations
-from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.objective import Objective, Pressure, weight_names
 from brafit.geometry.developable import dot
 from brafit.geometry.moving import moving_gaps
 from brafit.geometry.nearest import nearest_feet
@@ -33,16 +33,6 @@ from brafit.geometry.products import dots, solved_each
 Flat = Float[Tensor, "batch size"]
 Matrix = Float[Tensor, "batch size size"]
 Kind = Literal["full", "gauss-newton"]
-WEIGHTS: dict[str, tuple[str, ...]] = {
-    "points": ("points",),
-    "neckline": ("edge to neckline", "neckline to edge"),
-    "rim": ("edge to cloud",),
-    "connection": ("connection",),
-    "ridge_apex": ("ridge at apex",),
-    "barrier": ("regularity",),
-    "fairness": ("fairness", "plainness"),
-}
-"""Weights of the conditions, and the blocks of the objective that each multiplies."""
 _FEET = 8
 """Newton steps of the points' feet."""
 _HELD = 1 << 15
@@ -66,7 +56,7 @@ class Data:
         points, weights, neckline, connection, apex, scale, sheet, sheet_normals, spacing: as in
             `brafit.fitting.targets.Targets`.
         wire: coefficients of the wires.
-        shares: what multiplies the conditions' weights, in the order of WEIGHTS; 1: they are as given.
+        shares: what multiplies the conditions' weights, in the order of `weight_names`; 1: they are as given.
     """
 
     points: Float[Tensor, "batch points 3"]
@@ -86,7 +76,7 @@ class Data:
         """Those of an objective."""
         targets = objective.targets
         own = {name: getattr(targets, name) for name in _TARGETS}
-        ones = targets.scale.new_ones(len(targets.scale), len(WEIGHTS))
+        ones = targets.scale.new_ones(len(targets.scale), len(weight_names(objective.conditions)))
         return Data(**own, wire=objective.cup.wire.coefficients, shares=ones)
 
     @property
@@ -126,13 +116,12 @@ class Problem:
         edges, tangents = shape.edges, shape.tangents
         feet = nearest_feet(targets.points.detach(), edges.detach(), tangents.detach(), shape.stations, _FEET)
         away = moving_gaps(targets.points, edges, tangents, shape.stations, feet)
-        loss = objective.points_block(away[..., 0]).loss
-        values = {"points": (targets.weights * loss(dot(away, away))[0]).sum(-1)}
+        points = objective.points_block(away[..., 0])
+        values = [(points.condition, (targets.weights * points.loss(dot(away, away))[0]).sum(-1))]
         for block in objective.blocks(flat, shape, self.pressure, shape.margin, cup.unfairness(flat)):
-            values[block.name] = block.value()
-        shares = zip(WEIGHTS.values(), self.data.shares.unbind(1), strict=True)
-        known = {name: share for names, share in shares for name in names}
-        return torch.stack([known[name] * value for name, value in values.items()]).sum(0)
+            values.append((block.condition, block.value()))
+        shares = dict(zip(weight_names(objective.conditions), self.data.shares.unbind(1), strict=True))
+        return torch.stack([shares[name] * value for name, value in values]).sum(0)
 
     def gradient(self, flat: Flat, create_graph: bool = True) -> tuple[Float[Tensor, " batch"], Flat]:
         """The objective and its gradient by `flat`, which has to require it; 0 by what nothing asks for."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -18,6 +18,7 @@ from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
 from brafit.fitting.certainty import Alternative, Alternatives, deviations, outline_spread
+from brafit.fitting.condition import measured_conditions
 from brafit.fitting.measure import (
     Bend,
     figures_of,
@@ -69,6 +70,7 @@ class CupFit:
         seconds: this scan's share of the batch's time.
         warnings: what is uncertain about the fit, in plain words.
         alternatives: cups a standard deviation away, see `brafit.fitting.certainty`; none where that is not known.
+        conditions: of each condition of another kind (`Conditions.extra`) what was measured, by its name.
     """
 
     name: str
@@ -83,6 +85,7 @@ class CupFit:
     seconds: float
     warnings: tuple[str, ...] = ()
     alternatives: Sequence[Alternative] = ()
+    conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 def fit_targets(
@@ -138,6 +141,7 @@ def _fit_together(
     flat, rows = won.cup.flatten().detach(), won.rows
     named, steps = won.cup.split(flat), solution.iterations.tolist()
     changes, spread = certainty(won, condition)
+    asked = measured_conditions(condition.extra, won.cup, won.targets)
     results = []
     for k, (row, target, measured) in enumerate(zip(rows, targets, measured_cups(won.cup, targets), strict=True)):
         parameters = {name: value[k].tolist() for name, value in named.items()}
@@ -164,6 +168,7 @@ def _fit_together(
             iterations=steps[row],
             seconds=0.0,
             alternatives=alternatives if known else (),
+            conditions=asked[k],
         )
         told = solution.warnings[row] if solution.warnings else ()
         results.append(_judged(fit, line, bends, won.cup.exact, condition, told))

@@ -51,17 +51,50 @@ def fuzzy(squared: Tensor, strength: float, sharpness: Tensor | float, widths: f
     return value, torch.where(inside, sharpness * near, 0.5 * rise / radius)
 
 
-def point_loss(kind: str, width: Tensor | float) -> Loss:
-    """The loss of the points: `l1` (31), `l2`, or `robust` (Cauchy).
+def point_loss(kind: str | Loss, width: float, unit: Tensor | float = 1.0) -> Loss:
+    """The loss of the points: `l1` (31), `l2`, `robust` (Cauchy), or one given, in mm.
+
+    Args:
+        width: rounding of l1 and scale of robust, mm.
+        unit: millimetres per unit of the residuals that it is to take.
 
     Raises:
-        ValueError: another name.
+        ValueError: another name, or what is given is no loss.
     """
+    if not isinstance(kind, str):
+        return partial(in_unit, loss=checked_loss(kind, "condition.points"), unit=unit)
     losses: dict[str, Loss] = {
-        "l1": partial(smooth_absolute, width=width),
+        "l1": partial(smooth_absolute, width=width / unit),
         "l2": square,
-        "robust": partial(cauchy, width=width),
+        "robust": partial(cauchy, width=width / unit),
     }
     if kind not in losses:
         raise ValueError(f"unknown point loss {kind!r}: allowed are {', '.join(losses)}")
     return losses[kind]
+
+
+def in_unit(squared: Tensor, loss: Loss, unit: Tensor | float) -> tuple[Tensor, Tensor]:
+    """A loss in mm, of residuals of which a unit is so many millimetres."""
+    rho, slope = loss(squared * unit**2)
+    return rho / unit**2, slope
+
+
+def checked_loss(loss: object, setting: str) -> Loss:
+    """What was given as a loss, if it is one.
+
+    Raises:
+        ValueError: it is none; names the setting, and what a loss is.
+    """
+    wanted = "a function of a tensor of squared residuals (mm^2) that gives rho and its slope by them, two tensors"
+    name = getattr(loss, "__name__", type(loss).__name__)
+    if not callable(loss) or isinstance(loss, type):
+        raise ValueError(f"{setting}: {name} is no loss: {wanted}")
+    squared = torch.tensor([[0.0, 0.25, 100.0]], dtype=torch.float64)
+    try:
+        rho, slope = loss(squared)
+        fine = rho.shape == slope.shape == squared.shape and bool((rho.isfinite() & slope.isfinite()).all())
+    except Exception as error:
+        raise ValueError(f"{setting}: {name} is no loss ({type(error).__name__}: {error}): {wanted}") from error
+    if not fine:
+        raise ValueError(f"{setting}: {name} is no loss (not finite, or not as many as the residuals): {wanted}")
+    return loss

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from brafit.cup.base import Linearised
-from brafit.fitting.objective import Block, Objective, Pressure
+from brafit.fitting.objective import Objective, Pressure
 from brafit.geometry.nearest import Feet, Sums, project
 from brafit.geometry.products import aligned, total, weighted_rows
 
@@ -219,12 +219,12 @@ def assembled(
     for block in blocks:
         own_value, slope = block.model()
         values.append(own_value)
-        if block.name == "plainness" and (plain := objective.cup.plain) is not None:  # a residual a parameter
-            own, factor = slope[:, linear.columns], plain[1][linear.columns]
+        if block.diagonal is not None:
+            own, factor = slope[:, linear.columns], block.diagonal[linear.columns]
             gradient += own * factor * block.residual[:, linear.columns]
             matrix.diagonal(dim1=-2, dim2=-1).add_(own * factor**2)
         else:
-            jacobian = _jacobian(block, linear, objective)
+            jacobian = block.jacobian(linear, objective.cup.size)
             gradient += weighted_rows(slope * block.residual, jacobian)
             rows.append((jacobian.float(), slope.float()))
     if rows:
@@ -237,19 +237,6 @@ def assembled(
     gradient = gradient.masked_fill(unasked, 0.0)
     matrix = matrix.masked_fill(unasked[:, None] | unasked[..., None], 0.0) + torch.diag_embed(unasked.to(matrix))
     return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), terms, points.feet)
-
-
-def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[Tensor, "batch m columns"]:
-    """Derivatives of a block's residuals."""
-    if block.gaps is not None:
-        own = block.gaps.own
-        last = None if own is None else int((linear.columns >= objective.cup.size - own.shape[-1]).sum())
-        return block.gaps.columns(linear.table, last).flatten(1, 2)
-    if block.name == "regularity":
-        c = objective.conditions
-        fading = torch.sigmoid((c.margin - linear.margin) / c.margin_width)
-        return (-fading[..., None] * linear.margin_columns).flatten(1, 2)
-    return linear.unfairness_columns if block.name == "fairness" else linear.constraints[block.name]
 
 
 def gram(

@@ -15,12 +15,13 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from brafit.cup.base import Cup
+from brafit.cup.base import Cup, Linearised
 from brafit.cup.condition import Gaps, gaps_to_line, gaps_to_points, gaps_to_sheet, shortfall, station_weights
 from brafit.cup.shape import CupShape
-from brafit.fitting.loss import Loss, beyond, fuzzy, point_loss, square
+from brafit.fitting.block import Block, pull, pulls
+from brafit.fitting.condition import Asked, Condition, checked_conditions
+from brafit.fitting.loss import Loss, beyond, fuzzy, point_loss
 from brafit.fitting.targets import Targets
-from brafit.geometry.developable import dot
 from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
 from brafit.geometry.products import total
 
@@ -38,12 +39,16 @@ _RESPONSE = 1.5
 """The distance between edge and neckline falls about as the weight to the power of -1 / 1.5."""
 
 
+WEIGHTS = ("points", "neckline", "rim", "connection", "ridge_apex", "barrier", "fairness")
+"""Those of the conditions' settings that are weights of blocks of the objective."""
+
+
 @dataclass(frozen=True)
 class Conditions:
     """What is asked of a cup, and how strongly. Weights multiply mean squares in units of (wire length / pi)^2.
 
     Attributes:
-        points: loss of the point distances: l2, l1 (31) or robust.
+        points: loss of the point distances: l2, l1 (31), robust, or a `brafit.fitting.loss.Loss` in mm.
         points_width: rounding of l1 and scale of robust, mm.
         neckline: weight of the mean squared distance between upper edge and neckline, each way.
         neckline_limit: mean distance between upper edge and neckline, mm, above which that weight is raised for a scan
@@ -59,9 +64,13 @@ class Conditions:
         barrier: weight of the barrier.
         fairness: how fair and repeatable the flat edges are to be, against how close the cup is: multiplies FAIRNESS
             and PLAINNESS. 0: only close.
+        extra: conditions of other kinds, each with a name of its own.
+
+    Raises:
+        ValueError: a loss, width or condition that cannot be used.
     """
 
-    points: str = "l2"
+    points: str | Loss = "l2"
     points_width: float = 0.5
     neckline: float = 0.25
     neckline_limit: float | None = 0.8
@@ -75,49 +84,19 @@ class Conditions:
     margin_width: float = 0.03
     barrier: float = 1.0
     fairness: float = 1.0
+    extra: Sequence[Condition] = ()
 
     def __post_init__(self) -> None:
         point_loss(self.points, 1.0)
+        object.__setattr__(self, "extra", checked_conditions(self.extra, WEIGHTS))
         for name in ("points_width", "neckline_limit", "connection_width", "ridge_apex_width", "margin_width"):
             if getattr(self, name) is not None and not getattr(self, name) > 0:
                 raise ValueError(f"condition.{name} must be positive, got {getattr(self, name)}")
 
 
-@dataclass(frozen=True)
-class Block:
-    """Residuals of one kind: value = sum of weight * rho(residual^2).
-
-    `gaps`: where the residuals are the components of gaps between the cup and fixed points. There rho takes the squared
-    length of each gap: a sum of rho over the components would depend on the axes, and its gradient on how the foot
-    points slide. `final`: the block as it counts in the end, if a stage has it otherwise.
-    """
-
-    name: str
-    residual: Float[Tensor, "batch m"]
-    weight: Tensor | float
-    loss: Loss = square
-    gaps: Gaps | None = None
-    final: Block | None = None
-
-    def value(self) -> Float[Tensor, " batch"]:
-        return (self.weight * self.loss(self.squared())[0]).sum(-1)
-
-    def model(self) -> tuple[Float[Tensor, " batch"], Float[Tensor, "batch m"]]:
-        """The value, and the residuals' Gauss-Newton weights 2 weight rho'. A weight times its residual is the value's
-        derivative by it.
-        """
-        squared = self.squared()
-        rho, slope = self.loss(squared)
-        slope = 2 * self.weight * slope
-        return (self.weight * rho).sum(-1), slope if self.gaps is None else slope.repeat_interleave(3, dim=-1)
-
-    def told(self) -> Float[Tensor, " batch"]:
-        """The value as it counts in the end."""
-        return (self.final or self).value()
-
-    def squared(self) -> Float[Tensor, "batch k"]:
-        """What rho takes: squared residuals, or squared lengths of gaps."""
-        return self.residual.square() if self.gaps is None else dot(self.gaps.vectors, self.gaps.vectors)
+def weight_names(conditions: Conditions) -> tuple[str, ...]:
+    """Names of the conditions' weights: WEIGHTS, then the conditions of other kinds."""
+    return (*WEIGHTS, *(condition.called for condition in conditions.extra))
 
 
 @dataclass(frozen=True)
@@ -265,8 +244,8 @@ class Objective:
     def points_block(self, distances: Float[Tensor, "some points"], problems: slice = slice(None)) -> Block:
         """The error between cloud and cup, (31), of all problems or some."""
         c = self.conditions
-        width = c.points_width / self.targets.scale[problems, None]
-        return Block("points", distances, self.targets.weights[problems], point_loss(c.points, width))
+        loss = point_loss(c.points, c.points_width, self.targets.scale[problems, None])
+        return Block("points", distances, self.targets.weights[problems], "points", loss)
 
     def blocks(
         self,
@@ -281,25 +260,27 @@ class Objective:
         blocks = self._guided_edges(shape) if self.guiding else self._wanted_edges(flat, shape, pressure)
         if c.barrier > 0:
             weight = c.barrier * pressure.barrier / margin[0].numel()
+            rows = partial(_barrier_rows, bound=c.margin, width=c.margin_width)
             soft, final = (
-                Block("regularity", shortfall(margin.flatten(1), c.margin, width), weight)
+                Block("regularity", shortfall(margin.flatten(1), c.margin, width), weight, "barrier", rows=rows)
                 for width in (c.margin_width, self.final_margin_width)
             )
             blocks.append(replace(soft, final=final))
         if c.fairness > 0:
             fairness, plainness = self.shares
-            final = Block("fairness", unfairness, c.fairness * FAIRNESS)
+            final = Block("fairness", unfairness, c.fairness * FAIRNESS, "fairness", rows=_unfairness_rows)
             blocks.append(replace(final, weight=fairness * c.fairness * FAIRNESS, final=final))
             if (plain := self.cup.plain) is not None:
                 away = (flat - plain[0]) * plain[1]
                 weight = c.fairness * PLAINNESS / self.cup.panels**2
-                final = Block("plainness", away, weight)
+                final = Block("plainness", away, weight, "fairness", diagonal=plain[1])
                 blocks.append(replace(final, weight=plainness * weight, final=final))
         for name, value in self.constraints(shape).items():
             shift = pressure.multipliers.get(name)
             residual = value if shift is None else value + shift / pressure.penalty
+            rows = partial(_constraint_rows, name=name)
             final = Block(name, value, 0.5 * (pressure.final or pressure.penalty))
-            blocks.append(Block(name, residual, 0.5 * pressure.penalty, final=final))
+            blocks.append(Block(name, residual, 0.5 * pressure.penalty, rows=rows, final=final))
         return blocks
 
     @torch.no_grad()
@@ -337,7 +318,7 @@ class Objective:
         for i in range(1, shape.edges.shape[1]):
             guide = self.guides[:, i - 1]
             there, back = gaps_to_line(shape, i, guide), gaps_to_points(shape, i, guide)
-            blocks += _pulls(f"edge {i}", "guide", shape, there, back, GUIDING)
+            blocks += pulls(f"edge {i}", "guide", "", shape, there, back, GUIDING)
         return blocks
 
     def _wanted_edges(self, flat: Flat, shape: CupShape, pressure: Pressure) -> list[Block]:
@@ -350,17 +331,20 @@ class Objective:
         if c.neckline > 0:
             weight = c.neckline * pressure.neckline * targets.has_neckline[:, None].to(targets.points)
             there = gaps_to_line(shape, -1, targets.neckline)
-            blocks += _pulls("edge", "neckline", shape, there, wanted.part(slice(None, -1)), weight)
+            blocks += pulls("edge", "neckline", "neckline", shape, there, wanted.part(slice(None, -1)), weight)
         if c.rim > 0 and targets.sheet.shape[1] > 0:
             blocks.append(self._rim(shape))
         if c.connection > 0:
             loss = partial(fuzzy, strength=c.connection, sharpness=(unit / c.connection_width) ** 2)
             corner = self.cup.corner_gap(flat, shape, targets.connection)
-            blocks.append(_pull("connection", corner or wanted.part(slice(-1, None)), has_strap, loss))
+            blocks.append(pull("connection", "connection", corner or wanted.part(slice(-1, None)), has_strap, loss))
         if c.ridge_apex > 0 and self.cup.panels > 1:
             loss = partial(fuzzy, strength=c.ridge_apex, sharpness=(unit / c.ridge_apex_width) ** 2)
             has = targets.has_apex[:, None].to(targets.points)
-            blocks.append(_pull("ridge at apex", self._ridge_gap(shape), has, loss))
+            blocks.append(pull("ridge at apex", "ridge_apex", self._ridge_gap(shape), has, loss))
+        if c.extra:
+            asked = Asked.of(self.cup, flat, targets)
+            blocks += [asked.block(condition, shape) for condition in c.extra]
         return blocks
 
     def _rim(self, shape: CupShape) -> Block:
@@ -370,7 +354,7 @@ class Objective:
         targets = self.targets
         gaps = gaps_to_sheet(shape, -1, targets.sheet, targets.sheet_normals)
         weight = self.conditions.rim * (targets.spacing > 0)[:, None] * station_weights(shape.stations)
-        return _pull("edge to cloud", gaps, weight, partial(beyond, free=RIM_SPACINGS * targets.spacing[:, None]))
+        return pull("edge to cloud", "rim", gaps, weight, partial(beyond, free=RIM_SPACINGS * targets.spacing[:, None]))
 
     def _ridge_gap(self, shape: CupShape) -> Gaps:
         """From the apex to the nearest ridge."""
@@ -406,17 +390,14 @@ class Objective:
         return Evaluation(value.detach(), gradient, terms)
 
 
-def _pulls(
-    edge_name: str, line_name: str, shape: CupShape, there: Gaps, back: Gaps, weight: Tensor | float
-) -> list[Block]:
-    """An edge drawn to a line both ways: `weight` times the mean squared distance, each way."""
-    batch, points = back.vectors.shape[:2]
-    mean = station_weights(shape.stations).expand(batch, -1)
-    return [
-        _pull(f"{edge_name} to {line_name}", there, weight * mean),
-        _pull(f"{line_name} to {edge_name}", back, weight / points * torch.ones_like(mean[:, :1])),
-    ]
+def _barrier_rows(linear: Linearised, bound: float, width: float) -> Float[Tensor, "batch m columns"]:
+    fading = torch.sigmoid((bound - linear.margin) / width)
+    return (-fading[..., None] * linear.margin_columns).flatten(1, 2)
 
 
-def _pull(name: str, gaps: Gaps, weight: Tensor, loss: Loss = square) -> Block:
-    return Block(name, gaps.vectors.flatten(1), weight, loss, gaps)
+def _unfairness_rows(linear: Linearised) -> Float[Tensor, "batch m columns"]:
+    return linear.unfairness_columns
+
+
+def _constraint_rows(linear: Linearised, name: str) -> Float[Tensor, "batch m columns"]:
+    return linear.constraints[name]

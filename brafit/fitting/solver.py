@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
@@ -54,6 +54,7 @@ class Solution:
     warnings: Sequence[Sequence[str]] = ()
 
 
+@runtime_checkable
 class Solver(Protocol):
     """Anything that can minimise a batch of objectives."""
 

@@ -103,6 +103,13 @@ class Targets:
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return Targets(**{k: v.to(like) if v.is_floating_point() else v.to(like.device) for k, v in values.items()})
 
+    def in_millimetres(self) -> "Targets":
+        """The targets with all lengths in mm; `scale` is then 1."""
+        unit, one = self.scale[:, None], torch.ones_like(self.scale)
+        each = {name: getattr(self, name) * unit for name in ("connection", "apex")}
+        clouds = {name: getattr(self, name) * unit[..., None] for name in ("points", "neckline", "sheet")}
+        return replace(self, **each, **clouds, spacing=self.spacing * self.scale, scale=one)
+
     def thinned(self, count: int) -> "Targets":
         """The targets with at most `count` points each: the weighted means of as many small patches, runs of
         neighbouring points of the same number.

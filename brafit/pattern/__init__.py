@@ -5,6 +5,7 @@ marks    where landmarks lie on a cup
 curve    smooth curves of few Bezier arcs
 options  what is added to the sewing lines, and which files are written
 finish   pieces as they are cut: allowances, notches, grain line, labels, checks
+writers  which files are written, and by what
 svg, dxf, pdf  the writers; each is imported by itself, so that it costs only what it needs
 """
 
@@ -13,14 +14,17 @@ from brafit.pattern.marks import deepest_point, marks_on
 from brafit.pattern.options import PatternOptions
 from brafit.pattern.piece import CupMark, Edge, Kind, Piece, Sheet, Side, layout, pieces_from_panels
 from brafit.pattern.svg import write_svg
+from brafit.pattern.writers import WRITERS, PatternWriter, write_patterns
 
 __all__ = [
+    "WRITERS",
     "CupMark",
     "CutPiece",
     "Edge",
     "Kind",
     "Pattern",
     "PatternOptions",
+    "PatternWriter",
     "Piece",
     "Sheet",
     "Side",
@@ -29,5 +33,6 @@ __all__ = [
     "layout",
     "marks_on",
     "pieces_from_panels",
+    "write_patterns",
     "write_svg",
 ]

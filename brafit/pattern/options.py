@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from brafit.errors import ConfigError
+from brafit.pattern.writers import WRITERS, PatternWriter, check_writers
 
-FORMATS = ("svg", "dxf", "pdf")
+FORMATS = tuple(WRITERS)
 MESHES = ("ply", "obj", "glb")
 PAPERS: dict[str, tuple[float, float]] = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
 """Width and height in mm."""
@@ -20,7 +21,7 @@ class PatternOptions:
     """How patterns are finished and written. Lengths are mm.
 
     Attributes:
-        formats: pattern files to write, of `FORMATS`.
+        formats: pattern files to write: names of `FORMATS`, and writers from outside of brafit.
         meshes: files of the cup in 3D to write, of `MESHES`.
         report: whether to write web pages.
         allowance: seam allowance of each kind of edge: `wire`, `ridge`, `upper`.
@@ -43,7 +44,7 @@ class PatternOptions:
         ConfigError: names the setting, what came and what is allowed.
     """
 
-    formats: Sequence[str] = FORMATS
+    formats: Sequence[str | PatternWriter] = FORMATS
     meshes: Sequence[str] = MESHES
     report: bool = True
     allowance: Mapping[str, float] = field(default_factory=lambda: {"wire": 6.0, "ridge": 6.0, "upper": 6.0})
@@ -62,9 +63,9 @@ class PatternOptions:
     nest: bool = False
 
     def __post_init__(self) -> None:
-        for key, names, choices in (("formats", self.formats, FORMATS), ("meshes", self.meshes, MESHES)):
-            if wrong := [name for name in names if name not in choices]:
-                raise ConfigError(f"pattern.{key}={wrong[0]}: must be a list of {', '.join(choices)}")
+        check_writers(self.formats)
+        if wrong := [name for name in self.meshes if name not in MESHES]:
+            raise ConfigError(f"pattern.meshes={wrong[0]}: must be a list of {', '.join(MESHES)}")
         _one_of("units", self.units, UNITS)
         _one_of("paper", self.paper, PAPERS)
         for kind in ("wire", "ridge", "upper"):

@@ -45,6 +45,7 @@ def dataset(
     manifest: str | None = None,
     shard: str | None = None,
     propose: bool = False,
+    suffixes: frozenset[str] = frozenset(),
 ) -> tuple[list[ScanRef], list[str]]:
     """The scans of a run in their order, and notes on what was passed over.
 
@@ -54,6 +55,7 @@ def dataset(
         manifest: a table of scans, CSV or Parquet, see `read_manifest`.
         shard: `K/N`: every N-th file from the K-th on. The names are those of the whole dataset.
         propose: landmarks are proposed where there are none, so a folder means all clouds in it.
+        suffixes: of clouds that readers from outside of brafit read.
 
     Raises:
         InputError: no scan is found, or the table cannot be used.
@@ -65,8 +67,8 @@ def dataset(
     if manifest is not None:
         rows, notes = read_manifest(manifest)
     else:
-        rows = [_Row(path) for path in find_scans(list(scans), propose)]
-        notes = passed_over(list(scans), propose)
+        rows = [_Row(path) for path in find_scans(list(scans), propose, suffixes)]
+        notes = passed_over(list(scans), propose, suffixes)
     given = [row.name for row in rows if row.name]
     if doubled := {name for name in given if given.count(name) > 1} if len(set(given)) < len(given) else set():
         raise InputError(manifest or "scans", f"the name {min(doubled)!r} stands twice", "Give every row its own name")

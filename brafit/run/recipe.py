@@ -7,10 +7,16 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from brafit.errors import ConfigError
+from brafit.settings.entries import locate, made
 
 if TYPE_CHECKING:
+    from brafit.cloud import Reader
     from brafit.fitting import CupFit, Step, Target
     from brafit.pattern import PatternOptions
+
+
+READING = ("read_seconds", "mesh_points", "readers")
+"""Settings of `scan` that are about reading a file."""
 
 
 @dataclass(frozen=True)
@@ -93,13 +99,14 @@ def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) 
     Raises:
         ConfigError: a group's settings are not what its `_target_` takes.
     """
+    scan = {key: value for key, value in settings["scan"].items() if key != "side"}
     return Recipe(
-        cup=_build(settings, "cup"),
-        solver=_build(settings, "solver"),
-        condition=_build(settings, "condition"),
-        pattern=_build(settings, "pattern"),
+        cup=_cup_of(settings["cup"]),
+        solver=_made(settings, "solver", "brafit.fitting.Solver"),
+        condition=_made(settings, "condition", "brafit.fitting.Conditions"),
+        pattern=_made(settings, "pattern", "brafit.pattern.PatternOptions"),
         names={key: names.get(key) for key in ("cup", "solver")},
-        scan={key: value for key, value in settings["scan"].items() if key != "side"},
+        scan=scan | {"readers": _readers_of(scan["readers"])},
         restarts=settings["restarts"],
         device=settings["device"],
         dtype=settings["dtype"],
@@ -107,12 +114,28 @@ def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) 
     )
 
 
-def _build(settings: Mapping[str, Any], group: str) -> Any:
-    from hydra.errors import InstantiationException
-    from hydra.utils import instantiate
+def _cup_of(settings: Mapping[str, Any]) -> Callable[..., Any]:
+    """What makes the cups of their wires."""
+    from brafit.cup import Cup
+
+    maker = made({**settings, "_partial_": True}, "cup")
+    if isinstance(maker.func, type) and not issubclass(maker.func, Cup):
+        raise ConfigError(f"cup: {settings['_target_']} is no brafit.cup.Cup: derive its class from that")
+    return maker
+
+
+def _readers_of(settings: Sequence[Any]) -> tuple[Reader, ...]:
+    from brafit.cloud.reader import checked_readers
 
     try:
-        return instantiate(dict(settings[group]))
-    except InstantiationException as error:
-        said = " ".join(str(error.__cause__ or error).split())
-        raise ConfigError(said if said.startswith(f"{group}.") else f"{group}: {said}") from error
+        return checked_readers(made(settings, "scan.readers"))
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+
+
+def _made(settings: Mapping[str, Any], group: str, kind: str) -> Any:
+    """What a group's settings describe, which must be of a kind."""
+    thing = made(settings[group], group)
+    if not isinstance(thing, locate(kind, group)):
+        raise ConfigError(f"{group}: {settings[group]['_target_']} gives no {kind}")
+    return thing

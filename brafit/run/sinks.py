@@ -216,7 +216,7 @@ def _figures_text(done: Done) -> str:
 class Nest(Sink):
     """All patterns of a run in one file of each format, beside the table."""
 
-    def __init__(self, wanted: bool = True, formats: Sequence[str] = ("svg", "dxf", "pdf")):
+    def __init__(self, wanted: bool = True, formats: Sequence[Any] = ("svg", "dxf", "pdf")):
         self._wanted, self._formats = wanted, tuple(formats)
         self._ok: list[tuple[int, str]] = []
         self._out = Path()
@@ -231,7 +231,7 @@ class Nest(Sink):
     def close(self, complete: bool) -> None:
         if not (complete and self._wanted and self._ok):
             return
-        from brafit.result import write_patterns  # takes seconds
+        from brafit.pattern.writers import write_patterns  # takes seconds
         from brafit.run.store import nest_file
 
         names = [name for _, name in sorted(self._ok)]

@@ -25,12 +25,12 @@ from brafit.fitting import Step
 from brafit.report.course import FitStep
 from brafit.report.row import failed_row, fitted_row
 from brafit.report.table import write_fit_json
-from brafit.result import FILES
+from brafit.result import result_files
 from brafit.run.dataset import ScanRef
 from brafit.run.dataset import dataset as dataset_of
 from brafit.run.fitting import fitted, result_of
 from brafit.run.job import Done, common_cause
-from brafit.run.recipe import Recipe
+from brafit.run.recipe import READING, Recipe
 from brafit.run.store import key_of, nest_file, restored
 from brafit.scan import Scan, load_sides
 
@@ -58,7 +58,8 @@ def begin(
     recipe = _recipe(source)
     if recipe.scan.get("points", 1) is not None or recipe.scan.get("outliers", 1) is not None:
         open3d()  # what cannot be imported is to be known before anything else as well
-    return dataset_of(scans, side, manifest, shard, bool(recipe.scan.get("propose")))
+    ends = frozenset(end for reader in recipe.scan.get("readers", ()) for end in reader.suffixes)
+    return dataset_of(scans, side, manifest, shard, bool(recipe.scan.get("propose")), ends)
 
 
 def load(source: bytes, ref: ScanRef, out: Path, resume: bool, tell: Tell) -> list[Done | bytes]:
@@ -91,7 +92,7 @@ def load(source: bytes, ref: ScanRef, out: Path, resume: bool, tell: Tell) -> li
 def _loaded(recipe: Recipe, ref: ScanRef, sides: Sequence[str | None], tell: Tell) -> Sequence[Scan | BrafitError]:
     """The breasts of a file, from one reading of it."""
     settings = dict(recipe.scan)
-    reading = {key: settings.pop(key) for key in ("read_seconds", "mesh_points") if key in settings}
+    reading = {key: settings.pop(key) for key in READING if key in settings}
     try:
         limits = {"seconds" if key == "read_seconds" else key: value for key, value in reading.items()}
         cloud = read_cloud(ref.path, **limits, apart=False)  # this process is watched, and may be lost
@@ -147,7 +148,7 @@ def _failure(
     name = ref.names[k]
     row = failed_row(name, reason, recipe.model, ref.sides[k]) if row is None else row
     folder = out / name
-    for file in FILES:
+    for file in result_files(folder):
         (folder / file).unlink(missing_ok=True)
     write_fit_json(folder / "fit.json", row, _provenance(recipe, ref.path) | {"position": ref.positions[k]})
     return Done(ref.positions[k], name, row, cause=common_cause(cause))

@@ -6,6 +6,7 @@ import glob
 import itertools
 import unicodedata
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from brafit.cloud.read import FORMATS, SURE_FORMATS
@@ -18,7 +19,31 @@ SAMPLES = "samples"
 """The word that stands for the bundled scans."""
 
 
-def find_scans(scans: str | Path | Sequence[str | Path] = SAMPLES, propose: bool = False) -> list[Path]:
+@dataclass(frozen=True)
+class _Search:
+    """What counts as a cloud.
+
+    Attributes:
+        propose: also one without a landmark file.
+        suffixes: of clouds, beside `FORMATS`.
+    """
+
+    propose: bool
+    suffixes: frozenset[str]
+
+    @property
+    def formats(self) -> frozenset[str]:
+        return FORMATS | self.suffixes
+
+    @property
+    def sure(self) -> frozenset[str]:
+        """Those of them that hold hardly anything but scans."""
+        return SURE_FORMATS | self.suffixes
+
+
+def find_scans(
+    scans: str | Path | Sequence[str | Path] = SAMPLES, propose: bool = False, suffixes: frozenset[str] = frozenset()
+) -> list[Path]:
     """The clouds that `scans` means, sorted, each once.
 
     Each entry is one of
@@ -33,37 +58,42 @@ def find_scans(scans: str | Path | Sequence[str | Path] = SAMPLES, propose: bool
     Args:
         propose: landmarks are proposed where there are none: a folder means every cloud in it, tables and arrays as in
             a pattern.
+        suffixes: of clouds that readers from outside of brafit read.
 
     Raises:
         InputError: nothing at all was found. (An entry without any match among others that have some is returned as it
             stands, so that the run reports it and goes on.)
     """
+    search = _Search(propose, suffixes)
     entries = [scans] if isinstance(scans, str | Path) else list(scans)
     if not entries:
         raise InputError("scans", "the list is empty", "Name a folder, a pattern, a file, or 'samples'")
     found: dict[Path, Path] = {}
     fruitless: list[str] = []
     for entry in entries:
-        paths = _expand(str(entry), propose)
+        paths = _expand(str(entry), search)
         if not paths:
             fruitless.append(str(entry))
         found.update((path.resolve(), path) for path in paths)
     if not found:
-        raise _nothing(fruitless[0], propose)
+        raise _nothing(fruitless[0], search)
     found.update((Path(entry).resolve(), Path(entry)) for entry in fruitless)
     return sorted(found.values())
 
 
-def passed_over(scans: str | Path | Sequence[str | Path], propose: bool = False) -> list[str]:
+def passed_over(
+    scans: str | Path | Sequence[str | Path], propose: bool = False, suffixes: frozenset[str] = frozenset()
+) -> list[str]:
     """A line for each folder named in which clouds have no landmark file, and what to do about it; with `propose` for
     each in which tables are left out.
     """
+    search = _Search(propose, suffixes)
     entries = [scans] if isinstance(scans, str | Path) else list(scans)
     lines = []
     for folder in (on_disk(Path(str(entry)).expanduser()) for entry in entries):
         if not folder.is_dir():
             continue
-        left = _tables(folder) if propose else [path for path in _visible(folder) if _is_bare(path)]
+        left = _tables(folder, search) if propose else [path for path in _visible(folder) if _is_bare(path, search)]
         if left:
             what = f"{_counted(left, 'table' if propose else 'cloud')} without landmark file passed over"
             named = ", ".join(sorted({f"{folder}/*{path.suffix}" for path in left}))
@@ -116,19 +146,19 @@ def numbered(names: Sequence[str], first: Sequence[bool] = ()) -> list[str]:
     return unique
 
 
-def _expand(entry: str, propose: bool) -> list[Path]:
+def _expand(entry: str, search: _Search) -> list[Path]:
     path = on_disk(Path(entry).expanduser())
     if path.is_dir():
-        return _in_folder(path, propose)
+        return _in_folder(path, search)
     if path.exists():
         return [path]
     if entry == SAMPLES:
         return sample_paths()
     if glob.has_magic(entry):
         matches = _matches(str(path))
-        inside = [cloud for folder in matches if folder.is_dir() for cloud in _in_folder(folder, propose)]
+        inside = [cloud for folder in matches if folder.is_dir() for cloud in _in_folder(folder, search)]
         named = Path(entry).suffix.lower()
-        return [match for match in matches if _is_cloud(match, named)] + inside
+        return [match for match in matches if _is_cloud(match, search, named)] + inside
     return [path] if path.suffix else []
 
 
@@ -142,17 +172,16 @@ def _matches(pattern: str) -> list[Path]:
     return [Path(match) for form in sorted(forms) for match in glob.glob(f"{folder}/{form}", recursive=True)]
 
 
-def _is_cloud(path: Path, named: str = "") -> bool:
+def _is_cloud(path: Path, search: _Search, named: str = "") -> bool:
     """Whether a file found in passing is a cloud: of a sure format, or of the named one, or with a landmark file."""
     kind = path.suffix.lower()
-    return (
-        kind in FORMATS and path.is_file() and (kind in SURE_FORMATS or kind == named or landmarks_path(path).is_file())
-    )
+    sure = kind in search.sure or kind == named
+    return kind in search.formats and path.is_file() and (sure or landmarks_path(path).is_file())
 
 
-def _is_bare(path: Path) -> bool:
+def _is_bare(path: Path, search: _Search) -> bool:
     """Whether it is a cloud of a sure format without a landmark file."""
-    return _is_cloud(path) and not landmarks_path(path).is_file()
+    return _is_cloud(path, search) and not landmarks_path(path).is_file()
 
 
 def _visible(folder: Path) -> list[Path]:
@@ -160,16 +189,15 @@ def _visible(folder: Path) -> list[Path]:
     return [path for path in folder.iterdir() if not path.name.startswith(".")]
 
 
-def _in_folder(folder: Path, propose: bool) -> list[Path]:
-    return [path for path in _visible(folder) if _is_cloud(path) and (propose or landmarks_path(path).is_file())]
+def _in_folder(folder: Path, search: _Search) -> list[Path]:
+    clouds = [path for path in _visible(folder) if _is_cloud(path, search)]
+    return [path for path in clouds if search.propose or landmarks_path(path).is_file()]
 
 
-def _tables(folder: Path) -> list[Path]:
+def _tables(folder: Path, search: _Search) -> list[Path]:
     """Files that may be clouds or anything else, without landmark files."""
-    maybe = FORMATS - SURE_FORMATS
-    return [
-        path for path in _visible(folder) if path.suffix.lower() in maybe and path.is_file() and not _is_cloud(path)
-    ]
+    maybe = [path for path in _visible(folder) if path.suffix.lower() in search.formats - search.sure]
+    return [path for path in maybe if path.is_file() and not _is_cloud(path, search)]
 
 
 def _counted(paths: Sequence[Path], word: str) -> str:
@@ -180,21 +208,21 @@ def _listed(paths: Sequence[Path]) -> str:
     return ", ".join(sorted(path.name for path in paths)[:3]) + (", ..." if len(paths) > 3 else "")
 
 
-def _nothing(entry: str, propose: bool) -> InputError:
+def _nothing(entry: str, search: _Search) -> InputError:
     """Why an entry gave no cloud, as helpfully as the disk allows."""
     path = on_disk(Path(entry).expanduser())
-    formats = ", ".join(sorted(FORMATS))
+    formats = ", ".join(sorted(search.formats))
     if not path.is_dir():
         what = "the pattern matches no cloud" if glob.has_magic(entry) else "there is no such file or folder"
         return InputError(entry, what, f"Name a folder, a pattern or a file of {formats}, or 'samples'")
-    clouds = sum(_is_cloud(child) for child in _visible(path))
+    clouds = sum(_is_cloud(child, search) for child in _visible(path))
     if clouds:
         what = f"the folder has no cloud with a landmark file, and {clouds} without"
         remedy = "Write NAME.json beside NAME.ply, see brafit/landmarks/landmarks.schema.json, or set scan.propose=true"
         return InputError(entry, what, remedy)
-    if tables := _tables(path):
+    if tables := _tables(path, search):
         what = f"the folder holds {_counted(tables, 'table')} that may be clouds ({_listed(tables)}), and no sure one"
         return InputError(entry, what, f"Write landmark files beside them, or name them: {path}/*{tables[0].suffix}")
-    below = sorted(child.name for child in _visible(path) if child.is_dir() and _in_folder(child, propose))
+    below = sorted(child.name for child in _visible(path) if child.is_dir() and _in_folder(child, search))
     hint = f"Name a folder inside it: {', '.join(below)}" if below else f"Name a folder with clouds ({formats})"
     return InputError(entry, "the folder holds no cloud", hint)

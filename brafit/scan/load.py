@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from brafit.anatomy.confidence import Confidence
 from brafit.cloud.read import FLAG, MESH_POINTS, MIN_POINTS, READ_SECONDS, Cloud, read_cloud
+from brafit.cloud.reader import Reader
 from brafit.errors import ConfigError, InputError
 from brafit.geometry.order import along_curve
 from brafit.landmarks.cup_frame import CupFrame
@@ -139,6 +140,7 @@ def load_scan(
     read_seconds: float = READ_SECONDS,
     mesh_points: int = MESH_POINTS,
     apart: bool = True,
+    readers: Sequence[Reader] = (),
 ) -> Scan:
     """Load a cloud and the landmark file beside it: one breast.
 
@@ -158,7 +160,7 @@ def load_scan(
             `brafit.scan.region.ALIKE`.
         bridge: assume a surface where there are no data (`Scan.assumed`).
         landmarks: the landmark file, if it is not beside the cloud; or the marks of one breast.
-        read_seconds, mesh_points, apart: see `read_cloud`.
+        read_seconds, mesh_points, apart, readers: see `read_cloud`.
 
     Raises:
         InputError: one line naming file, cause and remedy.
@@ -181,6 +183,7 @@ def load_scan(
         read_seconds=read_seconds,
         mesh_points=mesh_points,
         apart=apart,
+        readers=readers,
     )
     if isinstance(scan, InputError):
         raise scan
@@ -204,6 +207,7 @@ def load_sides(
     read_seconds: float = READ_SECONDS,
     mesh_points: int = MESH_POINTS,
     apart: bool = True,
+    readers: Sequence[Reader] = (),
 ) -> list[Scan | InputError]:
     """Load breasts of one cloud: it is read once, and what both sides need is found once.
 
@@ -230,7 +234,7 @@ def load_sides(
     try:
         raw = given
         if raw is None:
-            raw = read_cloud(path, seconds=read_seconds, mesh_points=mesh_points, apart=apart)
+            raw = read_cloud(path, seconds=read_seconds, mesh_points=mesh_points, apart=apart, readers=readers)
         marked = with_marks(raw, marks, units, propose)
     except InputError as error:
         return [error] * len(sides)

@@ -110,7 +110,7 @@ class ConditionConfig:
     """condition=default"""
 
     _target_: str = MISSING
-    points: str = one_of("l2", "l1", "robust")
+    points: Any = field(default=MISSING, metadata={"choices": ("l2", "l1", "robust")})
     points_width: float = limited(0)
     neckline: float = limited(0)
     neckline_limit: float | None = limited(0)
@@ -124,6 +124,7 @@ class ConditionConfig:
     margin_width: float = limited(0)
     barrier: float = limited(0)
     fairness: float = limited(0)
+    extra: list[Any] = field(default_factory=list)
 
 
 @dataclass
@@ -141,6 +142,7 @@ class ScanConfig:
     bridge: bool = MISSING
     read_seconds: float = limited(1)
     mesh_points: int = limited(1000, 20_000_000)
+    readers: list[Any] = field(default_factory=list)
 
 
 @dataclass
@@ -166,8 +168,8 @@ class PatternConfig:
 
     _target_: str = MISSING
     _convert_: str = MISSING
-    formats: list[str] = field(default_factory=list)
-    meshes: list[str] = field(default_factory=list)
+    formats: list[Any] = field(default_factory=list)
+    meshes: list[Any] = field(default_factory=list)
     report: bool = MISSING
     allowance: AllowanceConfig = field(default_factory=AllowanceConfig)
     ease: EaseConfig = field(default_factory=EaseConfig)
@@ -233,7 +235,7 @@ class NestConfig:
 
     _target_: str = MISSING
     wanted: bool = MISSING
-    formats: list[str] = field(default_factory=list)
+    formats: list[Any] = field(default_factory=list)
 
 
 @dataclass

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from brafit.cup import FramesCup, StripsCup, Wire
 from brafit.fitting import LM, Conditions, DifferentiableFit, FittedCups, LMStage, Target, TensorTarget, fit_targets
-from brafit.fitting.implicit import WEIGHTS
+from brafit.fitting.objective import WEIGHTS
 from brafit.simulation.synthetic import on_panels
 
 SCALE = 70.0

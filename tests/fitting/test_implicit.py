@@ -11,7 +11,7 @@ from cups import cloud, half_circle, near
 
 from brafit.cup import StripsCup
 from brafit.fitting import Conditions, Target
-from brafit.fitting.implicit import WEIGHTS, Data, Problem, at_optimum, polished
+from brafit.fitting.implicit import Data, Problem, at_optimum, polished
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.targets import Targets
 
@@ -73,10 +73,9 @@ def test_every_block_has_a_weight_and_no_name_is_vain(neckline):
     flat = near(own.objective.cup, 0.04, 3)
     shape = own.objective.cup.sketch(flat)
     blocks = own.objective.blocks(flat, shape, own.pressure, shape.margin, own.objective.cup.unfairness(flat))
-    known = {name for names in WEIGHTS.values() for name in names}
-    assert {block.name for block in blocks} <= known
+    assert {block.condition for block in blocks} <= set(WEIGHTS)
     if neckline:
-        assert known - {block.name for block in blocks} == {"points", "edge to cloud"}
+        assert set(WEIGHTS) - {block.condition for block in blocks} == {"points", "rim"}
 
 
 def test_newtons_method_ends_where_the_solvers_gradient_vanishes():

@@ -1,0 +1,124 @@
+"""Writers of pattern files: brafit's own by their names, and what others must look like: docs/extending.md."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from brafit.errors import ConfigError
+
+if TYPE_CHECKING:
+    from brafit.pattern.finish import Pattern
+
+
+class PatternWriter(ABC):
+    """Writes finished patterns into a folder.
+
+    Attributes:
+        files: names of all files that it writes, without folders.
+    """
+
+    files: tuple[str, ...]
+
+    @abstractmethod
+    def write(self, folder: Path, patterns: Sequence[Pattern], title: str, note: str) -> None:
+        """Write the files, each whole or not at all (`brafit.atomic`).
+
+        Args:
+            folder: made if it does not exist.
+            patterns: of one scan, or of all scans of a run (`pattern.nest`); lengths are mm.
+            title: the scan's name, or the run's.
+            note: side, cup model and number of panels, or how many scans.
+        """
+
+
+class SvgWriter(PatternWriter):
+    """See `brafit.pattern.svg`."""
+
+    files = ("patterns.svg",)
+
+    def write(self, folder: Path, patterns: Sequence[Pattern], title: str, note: str) -> None:
+        from brafit.pattern.svg import write_svg
+
+        write_svg(folder / "patterns.svg", patterns, title, note)
+
+
+class DxfWriter(PatternWriter):
+    """See `brafit.pattern.dxf`."""
+
+    files = ("patterns.dxf",)
+
+    def write(self, folder: Path, patterns: Sequence[Pattern], title: str, note: str) -> None:
+        from brafit.pattern.dxf import write_dxf
+
+        write_dxf(folder / "patterns.dxf", patterns, title)
+
+
+class PdfWriter(PatternWriter):
+    """Tiled, and one large sheet, see `brafit.pattern.pdf`."""
+
+    files = ("patterns.pdf", "patterns_sheet.pdf")
+
+    def write(self, folder: Path, patterns: Sequence[Pattern], title: str, note: str) -> None:
+        from brafit.pattern.pdf import write_pdf_sheet, write_pdf_tiles
+
+        write_pdf_tiles(folder / "patterns.pdf", patterns, title, note)
+        write_pdf_sheet(folder / "patterns_sheet.pdf", patterns, title, note)
+
+
+WRITERS: dict[str, PatternWriter] = {"svg": SvgWriter(), "dxf": DxfWriter(), "pdf": PdfWriter()}
+"""brafit's own, each imported by itself as it writes, so that it costs only what it needs."""
+
+
+OTHER_FILES = ("cup.ply", "cup.obj", "cup.glb", "points.ply", "report.html", "thumbnail.png", "fit.json")
+"""What else is written beside the patterns of a scan."""
+
+
+def check_writers(formats: Iterable[object]) -> None:
+    """Refuse what is no pattern format.
+
+    Raises:
+        ConfigError: a name that no writer has, an object that is no writer, or two that write the same file.
+    """
+    seen: set[str] = set(OTHER_FILES)
+    for entry in formats:
+        if isinstance(entry, PatternWriter):
+            _check_files(entry, seen)
+        elif not (isinstance(entry, str) and entry in WRITERS):
+            what = entry if isinstance(entry, str | int | float) else f"{type(entry).__name__}"
+            own = "{_target_: MODULE.CLASS}, a brafit.pattern.PatternWriter"
+            raise ConfigError(f"pattern.formats={what}: must be a list of {', '.join(WRITERS)}, {own}")
+
+
+def _check_files(writer: PatternWriter, seen: set[str]) -> None:
+    name, files = type(writer).__name__, getattr(writer, "files", None)
+    if not (isinstance(files, tuple) and files and all(isinstance(f, str) and Path(f).name == f for f in files)):
+        raise ConfigError(f"pattern.formats: {name}.files must be a tuple of names of files, got {files}")
+    own = {file for known in WRITERS.values() for file in known.files}
+    if taken := set(files) & (seen | own):
+        raise ConfigError(f"pattern.formats: {name} writes {min(taken)}, which something else writes")
+    seen.update(files)
+
+
+def write_patterns(
+    folder: Path, patterns: Sequence[Pattern], title: str, note: str, formats: Iterable[str | PatternWriter]
+) -> list[Path]:
+    """Write pattern files, by brafit's own writers (names of `WRITERS`) and others.
+
+    Returns:
+        the files, in the order written.
+
+    Raises:
+        RuntimeError: a writer that left a file unwritten.
+    """
+    written: list[Path] = []
+    for entry in formats:
+        writer = WRITERS[entry] if isinstance(entry, str) else entry
+        writer.write(folder, patterns, title, note)
+        files = [folder / name for name in writer.files]
+        if missing := [file.name for file in files if not file.is_file()]:
+            raise RuntimeError(f"{type(writer).__name__} did not write {', '.join(missing)}")
+        written += files
+    return written
