@@ -2,5 +2,6 @@
 
 from brafit.cloud.read import FORMATS, Cloud, read_cloud
 from brafit.cloud.reader import Reader
+from brafit.cloud.refusal import RefusedError
 
-__all__ = ["FORMATS", "Cloud", "Reader", "read_cloud"]
+__all__ = ["FORMATS", "Cloud", "Reader", "RefusedError", "read_cloud"]

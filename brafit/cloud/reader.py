@@ -43,8 +43,9 @@ def checked_readers(given: Iterable[object]) -> tuple[Reader, ...]:
     readers: list[Reader] = []
     for k, one in enumerate(given):
         if not isinstance(one, Reader):
-            what = f"{one.__name__} (a class)" if isinstance(one, type) else type(one).__name__
-            raise ValueError(f"scan.readers.{k}: {what} is no brafit.cloud.Reader: derive its class from that")
+            what = f"the class {one.__name__} itself" if isinstance(one, type) else f"a {type(one).__name__}"
+            remedy = "give {_target_: MODULE.CLASS, ...}, the class derived from that"
+            raise ValueError(f"scan.readers.{k}: {what} is no brafit.cloud.Reader: {remedy}")
         ends = getattr(one, "suffixes", None)
         if not (isinstance(ends, tuple) and ends and all(re.fullmatch(r"\.[^.A-Z/]+", str(end)) for end in ends)):
             raise ValueError(f"scan.readers.{k}: suffixes must be a tuple of the form ('.abc',), got {ends}")

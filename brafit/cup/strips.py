@@ -460,9 +460,13 @@ class StripsCup(Cup):
         return cup
 
     def on(self, wire: Wire) -> "StripsCup":
-        sizes = len(self.stations), len(self.grid.s), len(self.output_grid.s)
-        cup = StripsCup(wire, self.panels, self.terms, *sizes)
-        cup.load_flat(self.flatten().detach().to(wire.coefficients))
+        own, count = wire.coefficients, len(self.stations)
+        cup = self.select(torch.arange(self.batch, device=self.stations.device)).to(own)
+        cup.wire = wire
+        cup.stations = torch.linspace(0, LENGTH, count, dtype=own.dtype, device=own.device)
+        cup.read_wire()
+        cup._place_stations()
+        cup.load_flat(self.flatten().detach().to(own))
         return cup
 
     def refined(self) -> "StripsCup":

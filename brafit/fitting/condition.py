@@ -81,8 +81,9 @@ def checked_conditions(given: Iterable[object], taken: Sequence[str]) -> tuple[C
     for k, one in enumerate(given):
         setting = f"condition.extra.{k}"
         if not isinstance(one, Condition):
-            what = f"{one.__name__} (a class; leave _partial_ out)" if isinstance(one, type) else type(one).__name__
-            raise ValueError(f"{setting}: {what} is no brafit.fitting.Condition: derive its class from that")
+            what = f"the class {one.__name__} itself" if isinstance(one, type) else f"a {type(one).__name__}"
+            remedy = "give {_target_: MODULE.CLASS, ...}, the class derived from that"
+            raise ValueError(f"{setting}: {what} is no brafit.fitting.Condition: {remedy}")
         weight = getattr(one, "weight", None)
         if not isinstance(weight, int | float) or not 0 <= weight < float("inf"):
             raise ValueError(f"{setting}: {one.called} must have a weight, a number that is not negative, got {weight}")

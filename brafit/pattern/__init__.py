@@ -12,7 +12,7 @@ svg, dxf, pdf  the writers; each is imported by itself, so that it costs only wh
 from brafit.pattern.finish import CutPiece, Pattern, finish
 from brafit.pattern.marks import deepest_point, marks_on
 from brafit.pattern.options import PatternOptions
-from brafit.pattern.piece import CupMark, Edge, Kind, Piece, Sheet, Side, layout, pieces_from_panels
+from brafit.pattern.piece import CupMark, Edge, Kind, Piece, Sheet, Side, layout, layout_columns, pieces_from_panels
 from brafit.pattern.svg import write_svg
 from brafit.pattern.writers import WRITERS, PatternWriter, write_patterns
 
@@ -31,6 +31,7 @@ __all__ = [
     "deepest_point",
     "finish",
     "layout",
+    "layout_columns",
     "marks_on",
     "pieces_from_panels",
     "write_patterns",

@@ -42,14 +42,16 @@ def _shown(value: Any) -> str:
 
 
 def key_of(ref: ScanRef, side: str | None, settings: Mapping[str, Any]) -> str:
-    """What tells one scan's input from any other: cloud, landmark file, side, and the settings that matter.
+    """What tells one scan's input from any other: cloud, landmark file, side, the settings that matter, and the modules
+    from outside of brafit that these name.
 
     A file that cannot be read has an empty place in it; whoever loads it says what is wrong.
     """
     from brafit.landmarks.file import landmarks_path
+    from brafit.settings.entries import modules
 
     digest = hashlib.sha256(json.dumps([relevant(settings), side], sort_keys=True, default=str).encode())
-    for file in (ref.path, ref.landmarks or landmarks_path(ref.path)):
+    for file in (ref.path, ref.landmarks or landmarks_path(ref.path), *modules(settings)):
         digest.update(_digest(file))
     return digest.hexdigest()
 

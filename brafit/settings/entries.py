@@ -41,8 +41,14 @@ def made(settings: Any, setting: str) -> Any:
         said = " ".join(str(error.__cause__ or error).split())
         if said.startswith(f"{setting}."):
             raise ConfigError(said) from error
-        inner = re.search(r"full_key: (\S+)", str(error))
-        raise ConfigError(f"{setting}{f'.{inner[1]}' if inner else ''}: {said}") from error
+        raise ConfigError(f"{_place(settings, setting, str(error))}: {said}") from error
+
+
+def _place(settings: Any, setting: str, words: str) -> str:
+    """The setting at fault, which Hydra names without all dots."""
+    inner = re.search(r"full_key: (\S+)", words)
+    where = re.sub(r"\W", "", f"{setting}{inner[1] if inner else ''}")
+    return next((name for name, _ in targets(settings, setting) if re.sub(r"\W", "", name) == where), setting)
 
 
 def targets(settings: Any, setting: str) -> Iterator[tuple[str, Any]]:
