@@ -31,11 +31,11 @@ from brafit.errors import BrafitError, ConfigError
 from brafit.naming import print_anything
 from brafit.run.folder import is_about_writing, make_writable, why_not
 from brafit.run.job import REDO
-from brafit.run.recipe import recipe_from_settings
+from brafit.run.recipe import NAMED, recipe_from_settings
 from brafit.run.store import differences, relevant
 from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
 from brafit.settings.checks import check, check_launcher
-from brafit.settings.compose import explain, from_settings, help_text, plain_settings, register
+from brafit.settings.compose import explain, from_settings, help_text, plain_settings, register, searched
 from brafit.settings.entries import made
 from brafit.settings.quoting import unquoted
 
@@ -72,8 +72,9 @@ class Statuses(Callback):
         swept, fixed = parted(arguments)
         with _refusing():
             check_launcher(config)
+            search = [f"{key}={value}" for key, value in searched(config.hydra).items()]
             for settings in combinations(swept, fixed):
-                recipe_from_settings(plain_settings(from_settings(settings)), {})
+                recipe_from_settings(plain_settings(from_settings(settings + search)), {})
             make_writable(Path(config.hydra.sweep.dir))
         excluded = ",".join(key for key in fixed)
         with read_write(config), open_dict(config):
@@ -186,8 +187,8 @@ def exit_status(rows: Sequence[Row]) -> int:
 
 
 def _choices() -> dict[str, Any]:
-    """Which choice of each group this job has."""
-    return dict(HydraConfig.get().runtime.choices)
+    """Which choice of each group this job has, and where they were looked for."""
+    return dict(HydraConfig.get().runtime.choices) | searched(HydraConfig.get())
 
 
 def job_of(settings: Mapping[str, Any], choices: Mapping[str, Any], out: Path) -> Job:
@@ -195,7 +196,7 @@ def job_of(settings: Mapping[str, Any], choices: Mapping[str, Any], out: Path) -
     from brafit.run.job import Job
 
     sinks = [made(sink, f"sinks.{name}") for name, sink in settings["sinks"].items() if sink is not None]
-    names = {group: choices.get(group) for group in ("cup", "solver")}
+    names = {key: choices[key] for key in NAMED if key in choices}
     return Job(
         out=out,
         recipe=partial(recipe_from_settings, settings, names),

@@ -15,8 +15,12 @@ if TYPE_CHECKING:
     from brafit.pattern import PatternOptions
 
 
+NAMED = ("cup", "solver", "hydra.searchpath")
+"""What is kept of the choices of groups."""
 READING = ("read_seconds", "mesh_points", "readers")
 """Settings of `scan` that are about reading a file."""
+_TRIAL = (65.0, 200.0)
+"""Radius and length of a wire, mm."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Recipe:
         cup: makes the cup, such as a partial of `brafit.cup.FramesCup`.
         solver, condition: what `brafit.fitting.fit_targets` takes.
         pattern: how patterns are finished and which files are written.
-        names: what the rows call the cup model (`cup`) and the solver (`solver`).
+        names: what the rows call the cup model (`cup`) and the solver (`solver`), and where these choices were found.
         scan: keyword arguments of `brafit.scan.load_scan`.
         restarts: starts per scan.
         device, dtype: where, and in which precision (`float64`, `float32`), the fit computes.
@@ -94,7 +98,8 @@ def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) 
 
     Args:
         settings: of the command, resolved, as plain values.
-        names: the choices of the groups `cup` and `solver`.
+        names: the choices of the groups `cup` and `solver`, and where they were looked for, see
+            `brafit.settings.compose.choices_of`.
 
     Raises:
         ConfigError: a group's settings are not what its `_target_` takes.
@@ -105,7 +110,7 @@ def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) 
         solver=_made(settings, "solver", "brafit.fitting.Solver"),
         condition=_made(settings, "condition", "brafit.fitting.Conditions"),
         pattern=_made(settings, "pattern", "brafit.pattern.PatternOptions"),
-        names={key: names.get(key) for key in ("cup", "solver")},
+        names={key: name for key, name in names.items() if key in NAMED},
         scan=scan | {"readers": _readers_of(scan["readers"])},
         restarts=settings["restarts"],
         device=settings["device"],
@@ -115,12 +120,16 @@ def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) 
 
 
 def _cup_of(settings: Mapping[str, Any]) -> Callable[..., Any]:
-    """What makes the cups of their wires."""
-    from brafit.cup import Cup
+    """What makes the cups of their wires, tried with one."""
+    from brafit.cup import Cup, Wire
 
     maker = made({**settings, "_partial_": True}, "cup")
-    if isinstance(maker.func, type) and not issubclass(maker.func, Cup):
-        raise ConfigError(f"cup: {settings['_target_']} is no brafit.cup.Cup: derive its class from that")
+    try:
+        cup = maker(Wire.from_arc(*_TRIAL))
+    except (ValueError, TypeError, OSError, LookupError) as error:
+        raise ConfigError(f"cup: {' '.join(str(error).split())}") from error
+    if not isinstance(cup, Cup):
+        raise ConfigError(f"cup: {settings['_target_']} gives no brafit.cup.Cup: derive its class from that")
     return maker
 
 

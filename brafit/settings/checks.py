@@ -82,6 +82,9 @@ def _importable(module: str) -> bool:
 def _check_limits(node: DictConfig | ListConfig, prefix: str) -> None:
     schema = OmegaConf.get_type(node)
     limits = {item.name: item.metadata for item in fields(schema)} if is_dataclass(schema) else {}
+    keys = node if isinstance(node, DictConfig) else range(len(node))
+    if wanting := [key for key in keys if OmegaConf.is_missing(node, key)]:
+        raise ConfigError(f"{prefix}{wanting[0]}: must have a value: {prefix}{wanting[0]}=VALUE")
     items = node.items() if isinstance(node, DictConfig) else enumerate(node)
     for key, value in items:
         name = f"{prefix}{key}"

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from hydra import compose, initialize_config_module
@@ -18,7 +19,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from brafit.errors import ConfigError
 from brafit.settings.checks import check, sources
-from brafit.settings.quoting import readable
+from brafit.settings.quoting import quoted, readable
 from brafit.settings.refusal import refusal, refused_mark
 from brafit.settings.schema import (
     AnnealConfig,
@@ -34,6 +35,8 @@ from brafit.settings.schema import (
     StripsConfig,
 )
 
+SEARCH = "hydra.searchpath"
+"""Hydra's setting of the folders in which it looks for groups' choices beside ours."""
 LONGEST = 150
 """Letters of a job's folder at most."""
 
@@ -91,14 +94,19 @@ def from_settings(settings: Sequence[str]) -> DictConfig:
     Raises:
         ConfigError: names the key, what came and what is allowed.
     """
+    config = _composed(settings)
+    check(config)
+    return config
+
+
+def _composed(settings: Sequence[str]) -> DictConfig:
+    """As `from_settings`, without checks."""
     given = readable_settings(settings)
     try:
         with _own_hydra():
-            config = compose("config", overrides=given)
+            return compose("config", overrides=given)
     except Exception as error:
         raise ConfigError(explain(error, given)) from error
-    check(config)
-    return config
 
 
 def readable_settings(settings: Sequence[str]) -> list[str]:
@@ -125,9 +133,19 @@ def help_text() -> str:
 
 
 def choices_of(settings: Sequence[str]) -> dict[str, Any]:
-    """Which choice of each group these settings make."""
+    """Which choice of each group these settings make, and where choices of others were looked for (SEARCH)."""
     with _own_hydra():
-        return dict(compose("config", overrides=list(settings), return_hydra_config=True).hydra.runtime.choices)
+        hydra = compose("config", overrides=list(settings), return_hydra_config=True).hydra
+    return dict(hydra.runtime.choices) | searched(hydra)
+
+
+def searched(hydra: DictConfig) -> dict[str, str]:
+    """The setting SEARCH for the folders that Hydra looked in: those of `--config-dir` and of the setting itself; empty
+    if there were none.
+    """
+    sources = [source for source in hydra.runtime.config_sources if source.schema == "file"]
+    paths = dict.fromkeys([*hydra.searchpath, *(f"file://{Path(source.path).absolute()}" for source in sources)])
+    return {SEARCH: f"[{','.join(quoted(path) for path in paths)}]"} if paths else {}
 
 
 def plain_settings(config: DictConfig) -> dict[str, Any]:
@@ -149,7 +167,7 @@ def varied(
     """
     groups = {text.partition("=")[0]: text.partition("=")[2] for text in overrides}
     chosen = {key: value for key, value in groups.items() if key in names}
-    base = from_settings([f"{key}={value}" for key, value in {**names, **chosen}.items() if value] + ["out=unused"])
+    base = _composed([f"{key}={value}" for key, value in {**names, **chosen}.items() if value] + ["out=unused"])
     given = {key: value for key, value in settings.items() if key not in chosen}
     plain = [text for text in overrides if text.partition("=")[0] not in chosen]
     try:
