@@ -87,7 +87,7 @@ def check_writers(formats: Iterable[object]) -> None:
         if isinstance(entry, PatternWriter):
             _check_files(entry, seen)
         elif not (isinstance(entry, str) and entry in WRITERS):
-            what = entry if isinstance(entry, str | int | float) else f"{type(entry).__name__}"
+            what = entry if isinstance(entry, str | int | float) else getattr(entry, "__name__", type(entry).__name__)
             own = "{_target_: MODULE.CLASS}, a brafit.pattern.PatternWriter"
             raise ConfigError(f"pattern.formats={what}: must be a list of {', '.join(WRITERS)}, {own}")
 

@@ -35,7 +35,7 @@ class HpglWriter(PatternWriter):
         sheet = layout_columns([column for pattern in patterns for column in pattern.drawn], self.gap)
         drawn = [line for piece in sheet.pieces for line in _drawn(piece)]
         cut = [piece.cut_outline(TOLERANCE) for piece in sheet.pieces]
-        lines = ["IN;", "SP1;", *map(_stroke, drawn), "SP2;", *(_stroke(np.vstack((c, c[:1]))) for c in cut), "SP0;"]
+        lines = ["IN;DF;", "SP1;", *map(_stroke, drawn), "SP2;", *(_stroke(np.vstack((c, c[:1]))) for c in cut), "SP0;"]
         write_text(folder / "patterns.plt", "\n".join(lines) + "\n")
 
 

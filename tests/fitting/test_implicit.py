@@ -12,7 +12,7 @@ from cups import cloud, half_circle, near
 from brafit.cup import StripsCup
 from brafit.fitting import Conditions, Target
 from brafit.fitting.implicit import Data, Problem, at_optimum, polished
-from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.objective import WEIGHTS, Objective, Pressure
 from brafit.fitting.targets import Targets
 
 MODEL = partial(StripsCup, panels=2, terms=4, stations=41, nodes=24, output_nodes=24)
