@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from brafit.cup import Cup, FramesCup, Wire
+from brafit.cup import Cup, FramesCup, StripsCup, Wire
 
 
 def half_circle(count: int = 1) -> Wire:
@@ -43,3 +43,22 @@ def cloud(count: int, seed: int = 0) -> Tensor:
     direction[:, 0] = direction[:, 0].abs()
     radius = 0.5 + torch.rand(count, 1, generator=generator, dtype=torch.float64)
     return radius * direction + torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
+
+
+def plain_strips(batch: int = 1, panels: int = 2, terms: int = 5) -> StripsCup:
+    """Cups at a plain start, on a wire that is not planar."""
+    wire = Wire.from_omega((0.15, 0.9, 0.1), math.pi)
+    cup = StripsCup(wire.select(torch.zeros(batch, dtype=torch.long)), panels, terms, nodes=40)
+    share = torch.arange(1, panels + 1, dtype=torch.float64) / panels
+    cup.start((share * math.pi / 2).expand(batch, -1), torch.ones(batch, panels, dtype=torch.float64))
+    return cup
+
+
+def varied(cup: Cup, amount: float = 0.05) -> Tensor:
+    """Parameters of strips beside the start, without corner, the higher terms the smaller."""
+    start = cup.flatten().detach()
+    change = near(cup, amount, seed=4) - start
+    order = torch.arange(cup.terms, dtype=start.dtype).repeat(2 * cup.panels)
+    change = change / (1 + torch.cat((start.new_zeros(cup.panels), order, start.new_zeros(2))) ** 2)
+    change[:, -2:] = 0
+    return start + change

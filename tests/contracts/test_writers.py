@@ -69,7 +69,7 @@ READERS: dict[str, Callable[[Path], list[float]]] = {
     "pdf": pdf_lengths,
     "hpgl": hpgl_lengths,
 }
-WITHIN = 0.02
+WITHIN = 0.01
 """Of lengths, mm."""
 
 

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from cups import half_circle, lune_frames, near
+from cups import half_circle, lune_frames, near, varied
+from cups import plain_strips as strips
 
-from brafit.cup import Cup, StripsCup, Wire
+from brafit.cup import Cup, StripsCup
 from brafit.fitting import LM, Conditions, LMStage, ResultCode, Target, normal
 from brafit.fitting.measure import upper_edge_gap
 from brafit.fitting.normal import PointRows, normal_equations
@@ -19,24 +20,6 @@ STAGES = [
     LMStage(steps=30, terms=4, points=200, tolerance=1e-3),
     LMStage(steps=60, tolerance=1e-12),
 ]
-
-
-def strips(batch: int = 1, panels: int = 2, terms: int = 5) -> StripsCup:
-    wire = Wire.from_omega((0.15, 0.9, 0.1), math.pi)
-    cup = StripsCup(wire.select(torch.zeros(batch, dtype=torch.long)), panels, terms, nodes=40)
-    share = torch.arange(1, panels + 1, dtype=torch.float64) / panels
-    cup.start((share * math.pi / 2).expand(batch, -1), torch.ones(batch, panels, dtype=torch.float64))
-    return cup
-
-
-def varied(cup: Cup, amount: float = 0.05) -> torch.Tensor:
-    """Parameters beside the start, without corner, the higher terms the smaller."""
-    start = cup.flatten().detach()
-    change = near(cup, amount, seed=4) - start
-    order = torch.arange(cup.terms, dtype=start.dtype).repeat(2 * cup.panels)
-    change = change / (1 + torch.cat((start.new_zeros(cup.panels), order, start.new_zeros(2))) ** 2)
-    change[:, -2:] = 0
-    return start + change
 
 
 def against(
