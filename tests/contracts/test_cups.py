@@ -193,8 +193,8 @@ class TestCup:
         assert torch.allclose(rulings, shape.lengths, rtol=0, atol=2e-5)
 
     def test_the_margin_is_negative_where_rulings_cross(self, model):
-        """As neighbouring rulings do in the flat pattern; cups from sound to folded. Where there is no flat pattern, for
-        panels that are not developable, the surface turns over between its two edges there.
+        """As neighbouring rulings do in the flat pattern; cups from sound to folded. Panels that are not developable
+        have no flat pattern: their surface turns over between its two edges there.
         """
         cup = started(model, wire=half_circle(24))
         amount = torch.linspace(0.0, 1.5, 24, dtype=torch.float64)[:, None]
