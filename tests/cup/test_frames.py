@@ -80,25 +80,6 @@ def test_constraints_measure_gap_and_mean_square_twist(panels):
     assert named["twist"].square().sum(1).min() > 1e-5
 
 
-def test_flatten_load_and_split_round_trip(panels):
-    cup = lune_frames(2, panels)
-    flat = near(cup)
-    cup.load_flat(flat)
-    assert torch.equal(cup.flatten(), flat)
-    named = cup.split(flat)
-    steps = cup.split(cup.steps[None])
-    assert torch.equal(named["coefficients"], cup.coefficients * steps["coefficients"])
-    assert torch.equal(named["turn"], cup.turn * steps["turn"])
-    assert torch.equal(cup.shape().edges, cup.shape_of(flat).edges)
-
-
-def test_state_is_saved_and_restored():
-    cup, other = lune_frames(2), FramesCup(half_circle(2), 2, 4, 41)
-    cup.load_flat(near(cup))
-    other.load_state_dict(cup.state_dict())
-    assert torch.equal(cup.shape().edges, other.shape().edges)
-
-
 def test_select_takes_cups_out_of_a_batch(panels):
     wire = Wire.stack([Wire.from_arc(1.0, math.pi), Wire.from_arc(1.0, 2.5), Wire.from_omega((0.1, 1.0, 0.1), 2.5)])
     cup = lune_start(FramesCup(wire, panels, 5, 33, "fourier"))
@@ -108,26 +89,6 @@ def test_select_takes_cups_out_of_a_batch(panels):
     assert part.basis == "fourier"
     for name in ("edges", "tangents", "directions", "normals", "geodesic"):
         assert torch.equal(getattr(part.shape_of(part.flatten()), name), getattr(whole, name)[index])
-
-
-def test_gradients_reach_every_parameter(panels):
-    cup = lune_frames(1, panels)
-    cup.load_flat(near(cup))
-    shape = cup.shape()
-    (shape.edges[:, -1].square().sum() + shape.geodesic.square().sum() + shape.directions[..., 0].sum()).backward()
-    for name, parameter in cup.named_parameters():
-        assert parameter.grad is not None
-        assert (parameter.grad != 0).all(), name
-
-
-def test_float32_is_close_to_float64(panels):
-    cup = lune_frames(2, panels)
-    flat, exact = near(cup), None
-    exact = cup.shape_of(flat)
-    single = lune_start(FramesCup(half_circle(2).float(), panels, 4, 41)).shape_of(flat.float())
-    assert single.edges.dtype == torch.float32
-    for name in ("edges", "tangents"):
-        torch.testing.assert_close(getattr(single, name).double(), getattr(exact, name), rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("basis", ["cosine", "fourier", "chebyshev"])

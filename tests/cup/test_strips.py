@@ -9,7 +9,6 @@ from cups import half_circle
 
 from brafit.cup import Cup, StripsCup, Wire
 from brafit.geometry.developable import regularity, twist_angle
-from brafit.geometry.development import arc_lengths
 from brafit.geometry.grid import sliding_derivative
 
 
@@ -61,18 +60,6 @@ def test_panels_are_developable_between_the_nodes(wire, panels):
     assert torch.rad2deg(twist).max() < 1e-3
 
 
-@pytest.mark.parametrize("panels", [1, 2, 3])
-def test_edges_begin_and_end_with_the_wire(panels):
-    cup, flat = wavy(WIRES["helix"], panels)
-    shape = cup.shape_of(flat)
-    wire = cup.wire.sample(cup.stations)
-    assert torch.allclose(shape.edges[:, 0], wire, rtol=0, atol=1e-10)
-    for end in (0, -1):
-        assert torch.allclose(shape.edges[:, :, end], wire[:, None, end].expand(-1, panels + 1, -1), rtol=0, atol=1e-10)
-    reach = shape.edges[:, 1:] - shape.edges[:, :-1]
-    assert ((reach * shape.directions).sum(-1)[..., 1:-1] > 0).all()
-
-
 def test_half_cylinder_comes_out_exactly():
     """One panel that leaves the half circle straight up, with rulings at right angles, is a cylinder."""
     cup = StripsCup(half_circle(), panels=1, terms=3)
@@ -109,28 +96,6 @@ def test_closed_form_derivatives_are_those_of_forward_mode(panels, terms):
     assert torch.allclose(own.unfairness, other.unfairness, rtol=0, atol=1e-10)
 
 
-def test_derivatives_against_central_differences():
-    cup, flat = wavy(WIRES["half circle"], 2)
-    linear = cup.linearise(flat)
-    direction = torch.randn(1, cup.size, dtype=torch.float64)
-    h = 1e-6
-    ahead, behind = cup.sketch(flat + h * direction), cup.sketch(flat - h * direction)
-    difference = (ahead.edges - behind.edges) / (2 * h)
-    n = cup.grid.s.shape[0]
-    analytic = (linear.table[:, : 3 * n] * direction[:, None, None, linear.columns]).sum(-1).view_as(difference)
-    assert torch.allclose(analytic, difference, rtol=0, atol=1e-7)
-
-
-def test_lengths_survive_flattening():
-    cup, flat = wavy(WIRES["helix"], 3)
-    shape = cup.shape_of(flat).map(lambda v: v[0])
-    plane = shape.flat()
-    in_space = arc_lengths(shape.edges, shape.stations)[:, -1]
-    lower, upper = (arc_lengths(e, shape.stations)[:, -1] for e in (plane.lower, plane.upper))
-    assert torch.allclose(lower, in_space[:-1], rtol=0, atol=1e-5)
-    assert torch.allclose(upper, in_space[1:], rtol=0, atol=1e-5)
-
-
 def test_only_the_upper_edge_has_the_corner():
     cup, flat = wavy(half_circle(), 2, stations=2001)
     flat[:, -2] = 0
@@ -144,31 +109,6 @@ def test_only_the_upper_edge_has_the_corner():
     assert place == pytest.approx(0.2, abs=0.02)
     step = sliding_derivative(shape.edges, shape.stations)
     assert torch.allclose(step, shape.tangents, rtol=0, atol=1e-4)
-
-
-def test_each_cup_of_a_batch_is_as_if_alone():
-    cup, flat = wavy(WIRES["helix"], 3, batch=5)
-    together = cup.shape_of(flat)
-    linear = cup.linearise(flat)
-    for k in range(5):
-        one = cup.select(torch.tensor([k]))
-        alone = one.shape_of(flat[k : k + 1])
-        assert torch.allclose(alone.edges[0], together.edges[k], rtol=0, atol=1e-13)
-        assert torch.allclose(one.linearise(flat[k : k + 1]).table[0], linear.table[k], rtol=0, atol=1e-11)
-
-
-def test_single_precision_follows_double():
-    cup, flat = wavy(half_circle(), 2)
-    single = cup.select(torch.tensor([0])).float()
-    assert torch.allclose(single.shape_of(flat.float()).edges.double(), cup.shape_of(flat).edges, rtol=0, atol=1e-4)
-
-
-def test_refined_and_finer_grids_keep_the_cup():
-    cup, flat = wavy(WIRES["helix"], 2)
-    cup.load_flat(flat)
-    fine = cup.refined()
-    assert torch.allclose(fine.shape().edges[:, :, ::2], cup.shape().edges, rtol=0, atol=1e-8)
-    assert cup.finer().sketch(flat).edges.shape[2] > cup.sketch(flat).edges.shape[2]
 
 
 def test_impossible_sizes_are_refused():
