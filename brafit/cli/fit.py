@@ -36,7 +36,7 @@ from brafit.run.store import differences, relevant
 from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
 from brafit.settings.checks import check, check_launcher
 from brafit.settings.compose import explain, from_settings, help_text, plain_settings, register, searched
-from brafit.settings.entries import made
+from brafit.settings.entries import locate, made, targets
 from brafit.settings.quoting import unquoted
 
 if TYPE_CHECKING:
@@ -195,6 +195,8 @@ def job_of(settings: Mapping[str, Any], choices: Mapping[str, Any], out: Path) -
     """The job of composed settings, whose results go to `out`."""
     from brafit.run.job import Job
 
+    for name, target in targets(settings["pattern"], "pattern"):  # which a sink may share
+        locate(target, name)
     sinks = [made(sink, f"sinks.{name}") for name, sink in settings["sinks"].items() if sink is not None]
     names = {key: choices[key] for key in NAMED if key in choices}
     return Job(
