@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -79,7 +80,7 @@ def in_unit(squared: Tensor, loss: Loss, unit: Tensor | float) -> tuple[Tensor, 
     return rho / unit**2, slope
 
 
-def checked_loss(loss: object, setting: str) -> Loss:
+def checked_loss(loss: Any, setting: str) -> Loss:
     """What was given as a loss, if it is one.
 
     Raises:

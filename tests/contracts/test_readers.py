@@ -54,7 +54,9 @@ def write_mesh(path: Path) -> None:
     if path.suffix == ".gltf":  # with its buffers inside
         path.write_bytes(export_gltf(mesh, embed_buffers=True)["model.gltf"])
     else:
-        path.write_bytes(bytes(mesh.export(file_type=path.suffix[1:])))
+        data = mesh.export(file_type=path.suffix[1:])
+        assert isinstance(data, bytes)
+        path.write_bytes(data)
 
 
 def write_vertices(path: Path) -> None:
