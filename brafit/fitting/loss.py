@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor
@@ -87,15 +87,15 @@ def checked_loss(loss: Any, setting: str) -> Loss:
         ValueError: it is none; names the setting, and what a loss is.
     """
     wanted = "a function of a tensor of squared residuals (mm^2) that gives rho and its slope by them, two tensors"
-    name = getattr(loss, "__name__", type(loss).__name__)
+    name, rho_of = getattr(loss, "__name__", type(loss).__name__), cast(Loss, loss)
     if not callable(loss) or isinstance(loss, type):
         raise ValueError(f"{setting}: {name} is no loss: {wanted}")
     squared = torch.tensor([[0.0, 0.25, 100.0]], dtype=torch.float64)
     try:
-        rho, slope = loss(squared)
+        rho, slope = rho_of(squared)
         fine = rho.shape == slope.shape == squared.shape and bool((rho.isfinite() & slope.isfinite()).all())
     except Exception as error:
         raise ValueError(f"{setting}: {name} is no loss ({type(error).__name__}: {error}): {wanted}") from error
     if not fine:
         raise ValueError(f"{setting}: {name} is no loss (not finite, or not as many as the residuals): {wanted}")
-    return loss
+    return rho_of

@@ -139,7 +139,7 @@ def choices_of(settings: Sequence[str]) -> dict[str, Any]:
     return dict(hydra.runtime.choices) | searched(hydra)
 
 
-def searched(hydra: DictConfig) -> dict[str, str]:
+def searched(hydra: Any) -> dict[str, str]:
     """The setting SEARCH for the folders that Hydra looked in: those of `--config-dir` and of the setting itself; empty
     if there were none.
     """
