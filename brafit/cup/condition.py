@@ -1,4 +1,6 @@
-"""Geometric conditions on cups, as residuals that a fit drives to zero, in solver units."""
+"""Geometric conditions on cups, as residuals that a fit drives to zero, in solver units: (60), (67) of
+docs/formulation.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The face that every cup model shows: edges and the rulings between them."""
+"""The face that every cup model shows: edges and the rulings between them.
+
+Numbers in parentheses are equations of docs/formulation.md.
+"""
 
 from __future__ import annotations
 

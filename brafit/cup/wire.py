@@ -1,4 +1,4 @@
-"""The wire line: the curve that the cup starts from.
+"""The wire line: the curve that the cup starts from. Numbers in parentheses: docs/formulation.md.
 
 Every wire is held as Chebyshev series of its position by arc length, divided by length / pi, so that in these solver
 units each wire of a batch has s in [0, pi]. A half-circle wire has radius 1.
@@ -116,7 +116,7 @@ class Wire(nn.Module):
 
     @staticmethod
     def from_omega(omega: Sequence[float], length: float, frame: Sequence[Sequence[float]] = _CUP_FRAME) -> "Wire":
-        """Wire of constant rates omega (3) per unit length, (53): a circular arc or a helix, from the origin.
+        """Wire of constant rates omega, three numbers per unit length, (53): an arc or a helix, from the origin.
 
         `frame` is the initial frame with columns (xi, eta, zeta); by default zeta = +x, xi = +y, eta = +z, which
         makes (0, 1/R, 0) of length pi R the half circle of radius R in z = 0, x >= 0.

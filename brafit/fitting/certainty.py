@@ -3,7 +3,8 @@
 Each point pulls at the parameters with f = 2 w r J: its weight, residual, and the residual's derivatives. At the
 optimum the pulls and the conditions balance. Points of another scan pull a little differently, by noise and by where
 they happen to lie, which moves the parameters by H^-1 times the change of the sum, so that their covariance is C =
-H^-1 M H^-1: H the Gauss-Newton matrix of the whole objective, M the covariance of the sum of the pulls.
+H^-1 M H^-1: H the Gauss-Newton matrix of the whole objective, M the covariance of the sum of the pulls. This is (73) of
+docs/formulation.md.
 
 Residuals are not all noise. What is smooth over the surface is how far a cup of few panels is from a breast; the next
 scan shows the same. So M counts only by how much each pull differs from the mean of its neighbours', and takes these

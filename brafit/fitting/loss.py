@@ -1,4 +1,7 @@
-"""Losses as functions rho of a squared residual, with their slopes (the weights of Gauss-Newton)."""
+"""Losses as functions rho of a squared residual, with their slopes (the weights of Gauss-Newton).
+
+Numbers in parentheses are equations of docs/formulation.md.
+"""
 
 from __future__ import annotations
 

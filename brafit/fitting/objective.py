@@ -1,4 +1,5 @@
-"""The objective (43) as named blocks of residuals, batched: value = sum over blocks of weight * sum rho(residual^2).
+"""The objective, (59) of docs/formulation.md, as named blocks of residuals, batched: value = sum over blocks of
+weight * sum rho(residual^2). The paper's is (43).
 
 The objective knows cups and targets, but no solver. Constraints are blocks too: a solver sets their penalty and
 multipliers.

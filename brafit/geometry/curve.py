@@ -1,8 +1,8 @@
-"""Moving frames and the curves they draw: (1)-(4), (46)-(49).
+"""Moving frames and the curves they draw: (1)-(4), (46)-(49) of docs/formulation.md.
 
 A frame F = [xi eta zeta] turns as F' = F Omega(omega) and its curve runs as x' = speed zeta. Together they are one
-equation on the rigid motions, G' = G A(s). Over one interval it is solved by the fourth-order Magnus expansion (exact
-for constant omega), and the products along the curve, being associative, by a scan in O(log n) batched steps.
+equation on the rigid motions, G' = G A(s). Over one interval it is solved by the fourth-order Magnus expansion (55),
+exact for constant omega. The products along the curve are associative and are taken in O(log n) batched steps.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Developable panels between two edges: rib angle, rates, twist, regularity, (11)-(19) corrected.
+"""Developable panels between two edges: rib angle, rates, twist, regularity: (11)-(19) and (66)
+of docs/formulation.md.
 
 Along an edge: T the unit tangent (zeta), d the unit ruling direction, xi the unit vector across the panel in its
 tangent plane, eta = zeta x xi the normal, so that xi = eta x zeta and d = -zeta sin(alpha) + xi cos(alpha).
@@ -73,7 +74,7 @@ def normals(tangent: Vectors, direction: Vectors) -> Vectors:
 
 
 def omega_from_edge(tangent: Vectors, curvature: Vectors, direction: Vectors) -> Vectors:
-    """Rates omega of the Darboux frame along an edge whose panel's rulings are `direction`, (19) corrected.
+    """Rates omega of the Darboux frame along an edge whose panel's rulings are `direction`, (19).
 
     Args:
         tangent: edge tangents (any length).
@@ -110,7 +111,7 @@ def twist_angle(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vecto
 
 
 def regularity(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vectors) -> Values:
-    """Margin A(t_max) / A(0) of formulation section 4.5: how far the rulings are from crossing inside the panel.
+    """Margin A(t_max) / A(0), (66): how far the rulings are from crossing inside the panel.
 
     A(t) is the speed of the surface point at t across the ruling as s grows; it is linear in t. 1 for parallel
     rulings (a cylinder), 0 where the upper edge touches the edge of regression, negative where rulings cross.

@@ -1,4 +1,4 @@
-"""The panel laid flat, (20)-(25) corrected."""
+"""The panel laid flat, (20)-(25) of docs/formulation.md."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ the edge, which circles make zero (the minimum variation curve of Moreton and Se
 surface design, 1992), taken between neighbouring samples. Its square roots are residuals.
 
 The curvature of a flat edge is rate / speed: how the edge turns in its panel, and how fast it runs, both per unit of a
-common parameter s.
+common parameter s. The measure is (68) of docs/formulation.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Nearest points that move: differentiable as the places of minima, which `brafit.geometry.nearest` finds and holds.
+"""Nearest points that move with the cup and the points, (77) of docs/formulation.md.
+
+`brafit.geometry.nearest` finds nearest points and holds them; here they are differentiable as the places of minima.
 
 The squared distance E(x, data) of a point has its minimum in the place x*. With x* held, the first derivatives of the
 least distance by the data are right (envelope theorem), the second are not: the place moves, by -E_xx^-1 E_xd. One step

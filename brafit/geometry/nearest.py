@@ -1,4 +1,4 @@
-"""Nearest point on a chain of ruled panels, (26)-(31).
+"""Nearest point on a chain of ruled panels, (26)-(31) and (56)-(58) of docs/formulation.md.
 
 Panel i is X(s, u) = (1 - u) a(s) + u b(s) with u = t / t_max in [0, 1], a and b its edges, which run between stations
 as cubic Hermite curves. The nearest ruling of each panel is found among the stations, then (s, u) is refined to the
@@ -367,7 +367,7 @@ class _Foot:
 def _descent(
     p: Float[Tensor, "3 m"], series: _Series, tau: Float[Tensor, " m"]
 ) -> tuple[Float[Tensor, " m"], Float[Tensor, " m"]]:
-    """First and second derivative by tau of half the squared distance to the ruling at tau."""
+    """First and second derivative by tau of half the squared distance to the ruling at tau, (57)."""
     (a, g), (a1, g1), (a2, g2) = series.value(tau), series.slope(tau), series.bend(tau)
     foot = _Foot.of(p - a, g)
     along = torch.addcmul(a1, foot.u, g1)

@@ -1,4 +1,4 @@
-"""Ritz bases: the functions of arc length in which the unknowns are expanded, (50), (51)."""
+"""Ritz bases: the functions of arc length in which the unknowns are expanded, (50), (51) of docs/formulation.md."""
 
 from __future__ import annotations
 

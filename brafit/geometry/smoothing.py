@@ -1,4 +1,4 @@
-"""Smooth curves near polylines (NumPy)."""
+"""Smooth curves near polylines (NumPy), (70) and (71) of docs/formulation.md."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ omega_eta and bend = omega_xi / cos(alpha), so that
 
 With beta = atan2(-p, q) the next edge's frame is T1 = -d sin(beta) + d_max cos(beta), U1 = d cos(beta) + d_max
 sin(beta), V1 = eta, and its rates are k1 = spin - beta', k2 = -bend cos(beta), w = -bend sin(beta): a chain of panels
-needs scalar functions only.
+needs scalar functions only. Derived in docs/formulation.md, (64)-(66).
 
 Functions of s are sampled on Chebyshev nodes. Matrices are applied problem by problem, so that rounding does not
 depend on the batch.
@@ -52,7 +52,6 @@ class Nodes:
         s: the nodes.
         derivative: values -> derivatives by s.
         integral: values -> integrals from the middle of the interval.
-        middle: values -> value in the middle.
     """
 
     s: Float[np.ndarray, " n"]
@@ -144,7 +143,8 @@ def roll(
     integral: Float[Tensor, "n n"],
     iterations: int = 8,
 ) -> Values:
-    """phi along an edge: solves phi = start + integral of -w - (k1 sin(phi) - k2 cos(phi)) slope by Newton's method.
+    """phi along an edge, (64): solves phi = start + integral of -w - (k1 sin(phi) - k2 cos(phi)) slope by Newton's
+    method.
 
     Each step's linear equation has an integrating factor, hence a closed form. The iterations run without gradients.
     A step all but squares the error (what the grid does not resolve leaves some of it): a problem's last one is that

@@ -1,4 +1,6 @@
-"""Clouds with a known truth: the quarter sphere of the paper's Case (1) and points on a given cup, Case (2)."""
+"""Clouds with a known truth: the quarter sphere of the paper's Case 1 and points on a given cup, its Case 2
+(docs/formulation.md, section 6).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ PAPER_RADIUS = 1 / 2.91
 
 
 def quarter_sphere(n: int, radius: float, generator: np.random.Generator) -> Float[Tensor, "n 3"]:
-    """Points uniform by area on {|p - (0, R, 0)| = R, x > 0, z > 0}, in the cup frame (paper, section 5, Case (1))."""
+    """Points uniform by area on {|p - (0, R, 0)| = R, x > 0, z > 0}, in the cup frame (the paper's Case 1)."""
     direction = generator.standard_normal((n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     # The sphere's symmetry: reflecting three of its quarters into the fourth keeps the distribution uniform.
@@ -23,7 +25,7 @@ def quarter_sphere(n: int, radius: float, generator: np.random.Generator) -> Flo
 
 
 def on_panels(shape: CupShape, n: int, generator: np.random.Generator) -> Float[Tensor, "n 3"]:
-    """Points uniform by area on all panels of one cup (no batch dimension), in its unit (paper, section 5, Case (2)).
+    """Points uniform by area on all panels of one cup (no batch dimension), in its unit (the paper's Case 2).
 
     Between stations the edges are interpolated by cubic Hermite polynomials with their tangents (error h^4/384 times
     the fourth derivative), far below what linear interpolation of the rulings would leave. Uniformity comes from
