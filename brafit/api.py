@@ -44,7 +44,8 @@ def fit(
         side: the wearer's `left` or `right` breast. With points: `left` if it is not given. With a file: the side that
             its landmark file marks.
         neckline: with points: (m, 3) the wanted upper edge, from end to end of the wire.
-        strap_point, apex: with points: (3,) where the strap is sewn on, and the bust point.
+        strap_point: with points: (3,) where the strap is sewn on.
+        apex: with points: (3,) the bust point.
         inside: with points: (n,) true for those between wire and neckline. Without it the breast is cut out by wire and
             neckline.
         name: for labels and files; that of the scan or the file if it is not given.

@@ -102,6 +102,9 @@ class Pool:
         """Begin a call; what comes of it is told by `events` under its key.
 
         Args:
+            key: tells this call from all others that are running.
+            function: `package.module:name`.
+            arguments: of the function, before the one by which it tells; what pickle can send.
             patience: seconds of silence after which it is given up.
 
         Raises:

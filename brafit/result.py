@@ -143,6 +143,7 @@ class Result:
         """Write fit.json, the patterns, meshes and pages that the options ask for.
 
         Args:
+            folder: of the scan; it is made if it is missing.
             extra: further entries of fit.json.
 
         Returns:

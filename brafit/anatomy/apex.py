@@ -43,7 +43,15 @@ below it."""
 
 
 def about(points: np.ndarray, place: np.ndarray, outward: np.ndarray, dense: int, radius: float = 190.0) -> Surface:
-    """The surface within a radius of a place, in the scan's frame; tidied, but for a first look (COARSE)."""
+    """The surface within a radius of a place, in the scan's frame; tidied, but for a first look (COARSE).
+
+    Args:
+        points: of the torso, (n, 3), mm.
+        place: the middle of what is taken.
+        outward: a direction out of the body there; normals are turned to its side.
+        dense: more points than this are averaged in voxels first; COARSE: without tidying.
+        radius: mm.
+    """
     near = points[np.linalg.norm(points - place, axis=1) < radius]
     if dense == COARSE and len(near) > MIN_POINTS:
         return surface_of(averaged(near, dense), outward)
@@ -58,6 +66,9 @@ def foremost(points: np.ndarray, body: Body, side: str, level: float | None = No
     """About where a breast sticks out farthest: the foremost place that has lower ones both above and below it.
 
     Args:
+        points: of the trunk, (n, 3), mm, in the scan's frame.
+        body: axes of the torso.
+        side: the wearer's `left` or `right`.
         level: its height, where that is known to LEVELS mm.
     """
     out, height = body.away(points, side), points @ body.up
@@ -85,7 +96,15 @@ def foremost(points: np.ndarray, body: Body, side: str, level: float | None = No
 def apex_on(
     points: np.ndarray, body: Body, side: str, dense: int = DENSE, level: float | None = None
 ) -> tuple[np.ndarray, Surface]:
-    """The bust point as the surface about it shows it: the middle of what is convex about the foremost place."""
+    """The bust point as the surface about it shows it: the middle of what is convex about the foremost place.
+
+    Args:
+        points: of the trunk, (n, 3), mm, in the scan's frame.
+        body: axes of the torso.
+        side: the wearer's `left` or `right`.
+        dense: as in `about`.
+        level: the breast's height, where that is known to LEVELS mm.
+    """
     direction = body.protruding(side)
     apex = foremost(points, body, side, level)
     surface = about(points, apex, body.front, dense)
@@ -115,6 +134,10 @@ def apex_on(
 def mound(surface: Surface, apex: Float[np.ndarray, "3"]) -> float:
     """How high (mm) a place lies over those about it, AROUND mm away from it: the mean of the sides, along the normal
     there. On a sphere of radius R, R - sqrt(R^2 - AROUND^2) and more; on a chest as round as a barrel 3 to 5.
+
+    Args:
+        surface: about the place, mm.
+        apex: the place, on the surface.
     """
     away = surface.points - apex
     distance = np.linalg.norm(away, axis=1)

@@ -62,6 +62,12 @@ def body_from_marks(
     the middle between them, and one that leads out of the chest.
 
     The cup's mean axes (`BREAST_AXES`) are turned back into the body's.
+
+    Args:
+        ends: inner and outer end of the wire.
+        below: a direction downwards from the middle between them.
+        front: a direction out of the chest.
+        side: the wearer's `left` or `right`.
     """
     y = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     z = front - (front @ y) * y

@@ -132,7 +132,15 @@ class Confidence:
 def evidence(
     surface: Surface, body: Body, side: str, apex: Float[np.ndarray, "3"], wire: Float[np.ndarray, "k 3"]
 ) -> dict[str, float]:
-    """What the surface about a breast says of its apex and wire (inner end first), all in the scan's frame, mm."""
+    """What the surface about a breast says of its apex and wire (inner end first), all in the scan's frame, mm.
+
+    Args:
+        surface: about the breast, with outward normals.
+        body: axes of the torso.
+        side: the wearer's `left` or `right`.
+        apex: the bust point.
+        wire: inner end first.
+    """
     off = np.asarray(surface.tree.query(wire)[0])
     apex_out, inner_out = body.away(np.stack([apex, wire[0]]), side)
     return {
@@ -153,7 +161,13 @@ def compared(
     apexes: Mapping[str, Float[np.ndarray, "3"]],
     wires: Mapping[str, Float[np.ndarray, "k 3"]],
 ) -> dict[str, float]:
-    """How the two sides agree."""
+    """How the two sides agree.
+
+    Args:
+        body: axes of the torso, with its plane of symmetry.
+        apexes: bust points by side, mm.
+        wires: wire lines by side, inner ends first, mm.
+    """
     left = body.left
 
     def image(points: np.ndarray) -> np.ndarray:
@@ -171,6 +185,7 @@ def refusal(path: Path, found: Sequence[Confidence], how: str = "proposed") -> I
     """The error of marks that are impossible.
 
     Args:
+        path: the cloud's file, which the error names.
         found: of all sides that there are marks of, each with faults.
         how: where the marks are from, `proposed` or `mirrored`.
     """
@@ -203,6 +218,7 @@ def doubt(found: Confidence, how: str = "proposed") -> str:
     """The warning of marks that are unusual, in one line; empty where they are not.
 
     Args:
+        found: what speaks for the marks of one breast.
         how: where the marks are from, `proposed` or `mirrored`.
     """
     if not found.doubts:

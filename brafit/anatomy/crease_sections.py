@@ -45,6 +45,8 @@ def folds(
     """The bottom of the crease near each place of a line that runs along it.
 
     Args:
+        surface: with outward normals, mm.
+        line: about where the crease runs, within `window` of it.
         window: how far it is sought to either side, mm.
 
     Returns:
@@ -153,6 +155,8 @@ def rim(
     weight. Beyond the places the line goes on as it was, seen from the circle's centre.
 
     Args:
+        places: seen from in front: z towards the viewer.
+        weights: how far each place is trusted.
         held: so many of the last places keep their weight.
         flat: with what weight the line is drawn to the plane.
     """
@@ -212,7 +216,14 @@ def _circle(places: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float]:
 def smoothed(
     values: Float[np.ndarray, " n"], weight: Float[np.ndarray, " n"], stiffness: float, towards: float
 ) -> Float[np.ndarray, " n"]:
-    """Whittaker's smoother: near the weighted values, second differences small, weakly drawn `towards` zero."""
+    """Whittaker's smoother: near the weighted values, second differences small, weakly drawn `towards` zero.
+
+    Args:
+        values: evenly spaced.
+        weight: of each value, 0 for one that is not known.
+        stiffness: weight of the squared second differences.
+        towards: weight of the squared values themselves.
+    """
     second = np.diff(np.eye(len(values)), 2, axis=0)
     system = np.diag(weight + towards) + stiffness * second.T @ second
     return np.linalg.solve(system, weight * values)

@@ -81,6 +81,10 @@ class _Breast:
 def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Landmarks]:
     """The landmarks of those breasts of a torso (mm) that there are, see `proposals`.
 
+    Args:
+        path: the cloud's file; errors name it, and the landmarks' path is beside it.
+        points: of the whole torso, in the scan's frame.
+
     Raises:
         InputError: it is no torso, or no breast was found.
     """
@@ -94,6 +98,10 @@ def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Lan
 def proposals(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Proposal]:
     """Landmarks of both sides of a standing torso (mm), marked as proposed: apex, wire and its ends, strap point, upper
     line. Where there is no breast they are proposed as well, and their confidence says so.
+
+    Args:
+        path: the cloud's file; errors name it, and the landmarks' path is beside it.
+        points: of the whole torso, in the scan's frame.
 
     Raises:
         InputError: it is no torso.
@@ -131,6 +139,7 @@ def judged(points: Float[np.ndarray, "n 3"], marks: Landmarks, mirror: Mirror, *
 
     Args:
         points: of the scan, mm.
+        marks: of one breast.
         mirror: the body's plane of symmetry.
         looked_at: somebody made them on the other breast, so that the wire itself is not in doubt.
     """
@@ -264,7 +273,15 @@ def wire_about(
     apex: Float[np.ndarray, "3"],
     ends: Float[np.ndarray, "2 3"] | None = None,
 ) -> Wire:
-    """The wire found in the crease of the breast with this apex (scan's frame, mm)."""
+    """The wire found in the crease of the breast with this apex (scan's frame, mm).
+
+    Args:
+        points: of the torso or the breast.
+        body: axes of the torso.
+        side: the wearer's `left` or `right`.
+        apex: the bust point.
+        ends: inner and outer end where they are marked; the wire keeps them.
+    """
     return _wire(about(points, apex, body.front, DENSE), apex, body, side, ends)
 
 
@@ -276,7 +293,16 @@ def wire_laid(
     arc: Float[np.ndarray, "k 2"],
     ends: Float[np.ndarray, "2 3"] | None = None,
 ) -> Wire:
-    """A rigid planar wire (depth below its chord, place along it) laid best under this apex (scan's frame, mm)."""
+    """A rigid planar wire (depth below its chord, place along it) laid best under this apex (scan's frame, mm).
+
+    Args:
+        points: of the torso or the breast.
+        body: axes of the torso.
+        side: the wearer's `left` or `right`.
+        apex: the bust point.
+        arc: the wire in its plane, inner end first.
+        ends: inner and outer end where they are marked; the wire is laid near them.
+    """
     surface, axes = about(points, apex, body.front, DENSE), body.breast_axes(side)
     found = laid(_in_breast_frame(surface, apex, body, side), arc, None if ends is None else (ends - apex) @ axes.T)
     return Wire(found.wire @ axes + apex, found.guessed, found.hollow)

@@ -146,6 +146,9 @@ def _settled(surface: Surface, start: np.ndarray, ends: np.ndarray | None, first
     """The line drawn from where it was first placed to the bottom of the crease, and cut off at its ends.
 
     Args:
+        surface: in the breast's frame, its apex in the origin.
+        start: the first placing of the line.
+        ends: marked ends that the line keeps; None: it ends where the crease does.
         first: weight of the first placing.
     """
     line = start
@@ -241,6 +244,8 @@ def concavity(surface: Surface, radius: float, chosen: Int[np.ndarray, " m"] | N
     R, positive in a crease; up to about 0.3 in a narrow one.
 
     Args:
+        surface: with outward normals.
+        radius: in the unit of the surface, mm.
         chosen: indices of the points that it is wanted at; None: all.
     """
     at = surface.tree if chosen is None else KDTree(surface.points[chosen])

@@ -78,8 +78,11 @@ def _folded(normals: np.ndarray, area: np.ndarray, rising: np.ndarray, one: np.n
     """Share of the sides between two faces at which the surface turns back, by the area of these faces.
 
     Args:
+        normals: of the faces, as long as their areas are large.
+        area: of the faces.
         rising: which way each face runs along each of its sides; two faces turned alike run along theirs both ways.
-        one, other: sides (three a face) of two faces that are the same.
+        one: sides (three a face) that another face has too.
+        other: of the other face, in the same order.
     """
     left, right = one // 3, other // 3
     cosine = np.einsum("ij,ij->i", normals[left], normals[right])

@@ -50,6 +50,11 @@ def derivatives(
 ) -> tuple[Tensor, ...]:
     """Derivatives of a batched function by each of the parameters, or by some, forward mode: (columns, *output) for
     each output.
+
+    Args:
+        function: from parameters (batch, size) to tensors whose item k depends on row k alone.
+        at: the parameters.
+        columns: the parameters by which; None: all.
     """
     directions = torch.eye(at.shape[1], dtype=at.dtype, device=at.device)
     directions = directions if columns is None else directions[columns]
@@ -69,6 +74,9 @@ class Cup(nn.Module, ABC):
         wire: the wire lines of B cups: a `Wire`, or what `Wire.of` takes, in millimetres in the cup frame.
         panels: number of panels.
         stations: samples along the wire.
+
+    Raises:
+        ValueError: no panel, fewer than 9 stations, or points that make no wire.
     """
 
     corner_place = -1

@@ -22,7 +22,12 @@ Points = Float[Tensor, "batch m 3"]
 def nearest_on_polyline(
     points: Points, line: Float[Tensor, "batch k 3"]
 ) -> tuple[Int[Tensor, "batch m"], Float[Tensor, "batch m"]]:
-    """Nearest segment of a polyline and the place on it in [0, 1], for every point."""
+    """Nearest segment of a polyline and the place on it in [0, 1], for every point.
+
+    Args:
+        points: any number a batch item.
+        line: corners of the polyline; repeated ones do no harm.
+    """
     start, step = line[:, :-1], line[:, 1:] - line[:, :-1]
     square = dot(step, step).clamp_min(1e-30)[:, None]
     # (p - start) . step and |p - start|^2 without |p|^2, which does not depend on the segment
@@ -89,7 +94,13 @@ class Gaps:
 
 
 def gaps_to_line(shape: CupShape, edge: int, line: Float[Tensor, "batch k 3"]) -> Gaps:
-    """From a polyline to every sample of an edge."""
+    """From a polyline to every sample of an edge.
+
+    Args:
+        shape: the cups.
+        edge: which edge, 0 the wire, -1 the upper edge.
+        line: a polyline for each cup, in the unit of the shape.
+    """
     points = shape.edges[:, edge]
     with torch.no_grad():
         segment, place = nearest_on_polyline(points, line)
@@ -110,6 +121,12 @@ def gaps_to_line(shape: CupShape, edge: int, line: Float[Tensor, "batch k 3"]) -
 def gaps_to_sheet(shape: CupShape, edge: int, sheet: Points, normals: Points) -> Gaps:
     """From the nearest of a surface's points to every sample of an edge, across the surface's normal there: what is
     left where the edge has gone beyond the surface's end.
+
+    Args:
+        shape: the cups.
+        edge: which edge, 0 the wire, -1 the upper edge.
+        sheet: points of a surface for each cup, in the unit of the shape.
+        normals: unit normals at these points, to either side.
     """
     points = shape.edges[:, edge]
     with torch.no_grad():
@@ -129,6 +146,12 @@ def gaps_to_points(shape: CupShape, edge: int, points: Points, moving: bool = Fa
 
     With `moving`, the nearest points move along the edge as it and the points do: the gaps' squared lengths, whose
     first derivatives are right anyhow, are so in their second ones as well.
+
+    Args:
+        shape: the cups.
+        edge: which edge, 0 the wire, -1 the upper edge.
+        points: for each cup, in the unit of the shape.
+        moving: whether second derivatives are wanted.
     """
     line, tangents, stations = shape.edges[:, edge], shape.tangents[:, edge], shape.stations
     n = line.shape[1]

@@ -141,6 +141,7 @@ def deviations(
         objective: the problems with all their points.
         flat: where they ended.
         pressure: with the weights they ended with.
+        count: directions at most.
 
     Returns:
         the changes that move the edges most; not finite for a problem whose matrix is singular.
@@ -183,6 +184,11 @@ def outline_spread(
 ) -> Float[Tensor, " batch"]:
     """Standard deviation of the pieces' outlines where it is largest, solver units, at the nodes of the fit; not finite
     where a change makes no cup, or where there are none.
+
+    Args:
+        cup: as many cups as there are rows.
+        flat: their parameters.
+        changes: from `deviations`.
     """
     batch, count, size = changes.shape
     if count == 0:

@@ -104,7 +104,10 @@ def minimise(
         function: values and gradients for a subset of the problems.
         start: starting places.
         steps: evaluations per problem at most.
+        tolerance: relative decrease of the value that counts as none.
+        history: pairs of moves and changes of the gradient that are kept.
         reach: longest first step, in units of the variables.
+        callback: told of the number of evaluations after each.
     """
     batch = len(start)
     everything = torch.arange(batch, device=start.device)

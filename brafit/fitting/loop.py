@@ -105,6 +105,8 @@ def fit_targets(
         solver: e.g. `Anneal`.
         condition: what is asked of the cups.
         restarts: starts per scan; the one with the lowest objective wins.
+        dtype: precision of the fit; results are float64.
+        device: of the fit; results are on the CPU.
         threads: processor cores that share the scans.
         callback: told of every step.
 

@@ -81,7 +81,12 @@ def normal_equations(
     """The objective at a place, by the parameters that are free with this many terms: `Cup.columns` (all by
     default).
 
-    `near`: feet at a place nearby, to be followed instead of a search.
+    Args:
+        objective: the problems.
+        flat: their parameters.
+        pressure: weights of constraints, barrier and neckline.
+        terms: free terms of the series; None: all.
+        near: feet at a place nearby, to be followed instead of a search; None: they are searched.
     """
     linear = objective.cup.linearise(flat, terms)
     parts = []
@@ -211,7 +216,15 @@ def assembled(
     linear: Linearised,
     points: Points,
 ) -> Normal:
-    """The objective's quadratic model from the cups' linearisation and the points' part."""
+    """The objective's quadratic model from the cups' linearisation and the points' part.
+
+    Args:
+        objective: the problems.
+        flat: their parameters.
+        pressure: weights of constraints, barrier and neckline.
+        linear: the cups at `flat` and their derivatives.
+        points: the points' part, of all problems.
+    """
     values = [points.value]
     gradient, matrix = points.gradient, points.matrix
     blocks = objective.blocks(flat, linear.shape, pressure, linear.margin, linear.unfairness)

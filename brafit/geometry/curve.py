@@ -26,7 +26,12 @@ def gauss_points(stations: Float[Tensor, " n"]) -> Float[Tensor, "n-1 2"]:
 def prefix_motions(
     rotation: Float[Tensor, "*batch n 3 3"], translation: Float[Tensor, "*batch n 3"]
 ) -> tuple[Float[Tensor, "*batch n 3 3"], Float[Tensor, "*batch n 3"]]:
-    """All prefix products G_1, G_1 G_2, ... of rigid motions, in log2(n) steps."""
+    """All prefix products G_1, G_1 G_2, ... of rigid motions, in log2(n) steps.
+
+    Args:
+        rotation: of G_1 to G_n.
+        translation: of G_1 to G_n, in the same order.
+    """
     count, offset = translation.shape[-2], 1
     while offset < count:
         left_r, left_t = rotation[..., :-offset, :, :], translation[..., :-offset, :]

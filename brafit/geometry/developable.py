@@ -43,6 +43,12 @@ def rulings(lower: Vectors, upper: Vectors, lower_tangent: Vectors, upper_tangen
 
     Where the edges meet (the two ends) the ruling has no direction of its own; its limit is that of the difference of
     the tangents d edge / ds, pointing into the panel.
+
+    Args:
+        lower: positions of the lower edge, the first and the last at the ends where the edges meet.
+        upper: positions of the upper edge at the same s.
+        lower_tangent: derivatives of the lower edge by s.
+        upper_tangent: derivatives of the upper edge by s.
     """
     g = upper - lower
     change = upper_tangent - lower_tangent
@@ -88,24 +94,47 @@ def omega_from_edge(tangent: Vectors, curvature: Vectors, direction: Vectors) ->
 
 
 def geodesic_curvature(tangent: Vectors, curvature: Vectors, direction: Vectors) -> Values:
-    """omega_eta = curvature . xi: the curvature that the edge keeps when the panel is laid flat."""
+    """omega_eta = curvature . xi: the curvature that the edge keeps when the panel is laid flat.
+
+    Args:
+        tangent: edge tangents (any length).
+        curvature: d zeta / d arc length, from `curvature_vector`.
+        direction: unit ruling directions.
+    """
     return dot(curvature, across(tangent, direction))
 
 
 def curvature_vector(tangent: Vectors, second: Vectors) -> Vectors:
-    """d zeta / d arc length from the first and second derivatives of a curve by any parameter."""
+    """d zeta / d arc length from the first and second derivatives of a curve by any parameter.
+
+    Args:
+        tangent: first derivatives.
+        second: second derivatives by the same parameter.
+    """
     squared = dot(tangent, tangent)[..., None]
     along = dot(second, tangent)[..., None] / squared
     return (second - along * tangent) / squared
 
 
 def twist_determinant(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vectors) -> Values:
-    """det(zeta_a, zeta_b, d), (17) with unit vectors: zero where the panel is developable."""
+    """det(zeta_a, zeta_b, d), (17) with unit vectors: zero where the panel is developable.
+
+    Args:
+        lower_tangent: of the lower edge, of any length.
+        upper_tangent: of the upper edge, of any length.
+        direction: unit ruling directions.
+    """
     return dot(torch.linalg.cross(unit(lower_tangent), unit(upper_tangent)), direction)
 
 
 def twist_angle(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vectors) -> Values:
-    """Angle in radians between the surface normals at the two ends of a ruling."""
+    """Angle in radians between the surface normals at the two ends of a ruling.
+
+    Args:
+        lower_tangent: of the lower edge, of any length.
+        upper_tangent: of the upper edge, of any length.
+        direction: unit ruling directions.
+    """
     a, b = normals(lower_tangent, direction), normals(upper_tangent, direction)
     return torch.atan2(torch.linalg.cross(a, b).norm(dim=-1), dot(a, b))
 
@@ -115,7 +144,11 @@ def regularity(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vector
 
     A(t) is the speed of the surface point at t across the ruling as s grows; it is linear in t. 1 for parallel
     rulings (a cylinder), 0 where the upper edge touches the edge of regression, negative where rulings cross.
-    Tangents are by the common parameter s.
+
+    Args:
+        lower_tangent: derivatives of the lower edge by s.
+        upper_tangent: derivatives of the upper edge by the same s.
+        direction: unit ruling directions.
     """
     normal = torch.linalg.cross(lower_tangent, direction)
     return dot(torch.linalg.cross(upper_tangent, direction), normal) / dot(normal, normal)

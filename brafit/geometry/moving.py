@@ -42,6 +42,7 @@ def slid(
     """Places in intervals of a cubic Hermite curve, nearest to points, that move with the curve and the points.
 
     Args:
+        points: as many as places.
         samples: of each interval: both ends, and the derivatives there.
         tau: the places, in [0, 1].
         h: lengths of the intervals.
@@ -62,6 +63,10 @@ def moving_gaps(points: Points, edges: Edges, tangents: Edges, stations: Float[T
     A foot on a panel's edge stays on the edge, and one in an end of the wire stays there.
 
     Args:
+        points: in the unit of the edges.
+        edges: positions of all edges at the stations, from the wire up.
+        tangents: their derivatives by s.
+        stations: s of the samples, increasing.
         feet: exact, of these points on these edges.
     """
     tau, u = feet.tau, feet.u

@@ -88,7 +88,11 @@ def stencil(
 ) -> tuple[Int[Tensor, "*batch points 8"], Float[Tensor, "*batch points 8"]]:
     """The surface points as weighted sums of samples: indices into `sample_table` and weights.
 
-    With `slope`, the weights of the derivative dX/dtau instead of X.
+    Args:
+        feet: where on the panels.
+        stations: s of the samples, increasing.
+        edge_count: edges, one more than panels.
+        slope: the weights of the derivative dX/dtau instead of X.
     """
     n = stations.shape[0]
     h = stations[feet.interval + 1] - stations[feet.interval]
@@ -231,6 +235,11 @@ def project(
     iterations is fixed, so that a point's foot does not depend on what else is in the batch.
 
     Args:
+        points: in the unit of the edges; finite.
+        edges: positions of all edges at the stations, from the wire up.
+        tangents: their derivatives by s.
+        stations: s of the samples, increasing.
+        iterations: Newton steps within an interval; six are exact to rounding from a search, fewer do beside `near`.
         near: feet on a cup that differs little: they are followed instead of a search, over stations and ridges. A
             foot that would have to leap to another part of the cup is missed.
     """
@@ -449,7 +458,15 @@ def nearest_on_curve(
     stations: Float[Tensor, " n"],
     iterations: int = 4,
 ) -> tuple[Int[Tensor, "*batch points"], Float[Tensor, "*batch points"]]:
-    """Interval and place in it, in [0, 1], of the nearest points of a cubic Hermite curve."""
+    """Interval and place in it, in [0, 1], of the nearest points of a cubic Hermite curve.
+
+    Args:
+        points: in the unit of the curve.
+        curve: positions at the stations.
+        tangents: derivatives by s.
+        stations: s of the samples, increasing.
+        iterations: Newton steps within an interval.
+    """
     batch, n = points.shape[:-2], curve.shape[-2]
     away = torch.baddbmm(
         dot(curve, curve).reshape(-1, 1, n),
@@ -477,7 +494,15 @@ def nearest_on_curve(
 def nearest_feet(
     points: Points, edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], iterations: int = 6
 ) -> Feet:
-    """The nearest point of the whole cup for every point, exact to round-off."""
+    """The nearest point of the whole cup for every point, exact to round-off.
+
+    Args:
+        points: in the unit of the edges; finite.
+        edges: positions of all edges at the stations, from the wire up.
+        tangents: their derivatives by s.
+        stations: s of the samples, increasing.
+        iterations: Newton steps within an interval.
+    """
     return project(points, edges, tangents, stations, iterations).feet
 
 
@@ -499,7 +524,15 @@ def foot_directions(points: Points, edges: Edges, tangents: Edges, stations: Flo
 def signed_distance(
     points: Points, edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], feet: Feet
 ) -> Float[Tensor, "*batch points"]:
-    """Distance of points to their feet, positive outside the cup, with the envelope theorem's gradients."""
+    """Distance of points to their feet, positive outside the cup, with the envelope theorem's gradients.
+
+    Args:
+        points: in the unit of the edges.
+        edges: positions of all edges at the stations, from the wire up.
+        tangents: their derivatives by s.
+        stations: s of the samples, increasing.
+        feet: of these points on these edges, from `nearest_feet`.
+    """
     direction = foot_directions(points, edges.detach(), tangents.detach(), stations, feet)
     return dot(points - surface_points(edges, tangents, stations, feet), direction)
 

@@ -151,9 +151,11 @@ def roll(
     which begins with two thirds of the digits right. In grad mode two more make the result twice differentiable.
 
     Args:
+        rates: of the edge's reference frame, per s.
         slope: tan(alpha).
         start: phi in the middle of the edge.
         integral: from `Nodes`.
+        iterations: Newton steps at most.
     """
     equation = _Roll(rates.k1 * slope, rates.k2 * slope, rates.w, start[..., None], integral)
     with torch.no_grad():
@@ -199,7 +201,16 @@ class _Roll:
 
 
 def strip(rates: Rates, phi: Angle, alpha: Angle, alpha_slope: Values, t: Values, t_slope: Values) -> Strip:
-    """The panel on an edge, from its roll, rib angle and ruling length and the derivatives of the latter two by s."""
+    """The panel on an edge, from its roll, rib angle and ruling length and the derivatives of the latter two by s.
+
+    Args:
+        rates: of the lower edge's reference frame, per s.
+        phi: the roll, from `roll`.
+        alpha: the rib angle.
+        alpha_slope: its derivative by s.
+        t: ruling lengths, in the unit of s.
+        t_slope: their derivatives by s.
+    """
     omega_xi = torch.addcmul(rates.k1 * phi.sine, rates.k2, phi.cosine, value=-1)
     omega_eta = torch.addcmul(rates.k1 * phi.cosine, rates.k2, phi.sine)
     spin = alpha_slope + omega_eta
@@ -235,6 +246,12 @@ def upper_turn(panel: Strip, t_slope: Values, t_second: Values, derivative: Floa
     """Derivatives along a panel's upper edge, from the first and second derivative of its ruling length.
 
     Only what is smooth is differentiated on the grid: a corner of the ruling length spoils nothing beside it.
+
+    Args:
+        panel: from `strip`.
+        t_slope: first derivative of the ruling length by s.
+        t_second: second derivative.
+        derivative: from `Nodes`.
     """
     smooth = torch.stack((panel.speed * panel.alpha.sine, panel.opening, panel.spin), dim=-1)
     back, opening, spin = apply(derivative, smooth).unbind(-1)

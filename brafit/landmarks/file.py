@@ -94,7 +94,11 @@ def read_landmarks(path: str | Path, side: str | None = None) -> Landmarks:
 
 
 def read_breasts(path: str | Path) -> list[Landmarks]:
-    """All breasts of a landmark file, see `read_landmarks`."""
+    """All breasts of a landmark file, see `read_landmarks`.
+
+    Raises:
+        InputError: as `read_landmarks`.
+    """
     path = Path(path)
     data = _json(path)
     _refuse_misspelt(path, data, FIELDS, "")

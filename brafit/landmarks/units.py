@@ -43,7 +43,13 @@ class Units:
 
 
 def unit_of(value: float, possible: tuple[float, float], usual: tuple[float, float]) -> str | None:
-    """The only unit in which a length lies within the bounds, or the only usual one; None if that is not clear."""
+    """The only unit in which a length lies within the bounds, or the only usual one; None if that is not clear.
+
+    Args:
+        value: a length in a unit that is not known.
+        possible: least and largest length, mm.
+        usual: least and largest usual length, mm.
+    """
     for low, high in (possible, usual):
         fitting = [unit for unit, factor in MILLIMETRES.items() if low <= value * factor <= high]
         if len(fitting) == 1:

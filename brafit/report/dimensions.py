@@ -56,6 +56,7 @@ def dimensions(
         shape: the cup, cup frame, mm, no batch dimension.
         pattern: its finished pieces; with ease, their lengths are those to cut, not those worn.
         apex: bust point, cup frame.
+        strap_point: cup frame, mm; None: there is none, and no distance from it.
         deviation: from `dimension_deviation`.
     """
     found: dict[Key, float] = {}

@@ -51,12 +51,17 @@ def write_report(
     """Write one scan's page: the cup in 3D, its pieces, finished dimensions, fit figures, warnings, given and guessed.
 
     Args:
+        path: the page; missing folders are made, and it is never there in part.
         row: the scan's row of summary.csv.
         side: right cups, which are fitted as left ones, are shown as they are worn.
         shape: the cup, cup frame, mm.
-        papers, gap: from `paper_panels` and `paper_gap`, for the view of the folding paper cup.
-        points, distances: of the fit, cup frame, mm; positive outside the cup.
+        papers: from `paper_panels`, for the view of the folding paper cup.
+        gap: from `paper_gap`, mm.
+        points: of the fit, cup frame, mm.
+        distances: of these points from the cup, mm, positive outside.
+        pattern: the finished pieces.
         drawing: the pattern as SVG.
+        dimensions: finished dimensions, for their table.
         sources: for each input what was given, or what was taken in its place.
         files: other results in the same folder, to link to.
         band: sewing lines of the pieces and how uncertain each of their edges is, where that is known.

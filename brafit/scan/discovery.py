@@ -31,6 +31,7 @@ def find_scans(scans: str | Path | Sequence[str | Path] = SAMPLES, propose: bool
     are named.
 
     Args:
+        scans: an entry or a list of them, see above.
         propose: landmarks are proposed where there are none: a folder means every cloud in it, tables and arrays as in
             a pattern.
 
@@ -80,6 +81,7 @@ def scan_names(paths: Sequence[str | Path], given: Sequence[str] = ()) -> list[s
     with a number.
 
     Args:
+        paths: of the clouds.
         given: names to take instead, empty ones aside; as many as paths, or none.
     """
     paths = [Path(path) for path in paths]

@@ -75,6 +75,8 @@ def framed(marked: Marked, side: str | None, wire: str | None) -> Framed:
     """A side's breast in its cup frame.
 
     Args:
+        marked: the cloud with the marks of one or both breasts.
+        side: `left` or `right`; None: the one that is marked first.
         wire: None: as it is marked, detected where it is not; `detect`; or a size.
 
     Raises:

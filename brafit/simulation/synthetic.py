@@ -16,7 +16,13 @@ PAPER_RADIUS = 1 / 2.91
 
 
 def quarter_sphere(n: int, radius: float, generator: np.random.Generator) -> Float[Tensor, "n 3"]:
-    """Points uniform by area on {|p - (0, R, 0)| = R, x > 0, z > 0}, in the cup frame (the paper's Case 1)."""
+    """Points uniform by area on {|p - (0, R, 0)| = R, x > 0, z > 0}, in the cup frame (the paper's Case 1).
+
+    Args:
+        n: number of points.
+        radius: R, in any unit.
+        generator: of the random numbers.
+    """
     direction = generator.standard_normal((n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     # The sphere's symmetry: reflecting three of its quarters into the fourth keeps the distribution uniform.
@@ -30,6 +36,14 @@ def on_panels(shape: CupShape, n: int, generator: np.random.Generator) -> Float[
     Between stations the edges are interpolated by cubic Hermite polynomials with their tangents (error h^4/384 times
     the fourth derivative), far below what linear interpolation of the rulings would leave. Uniformity comes from
     rejection against the area element |dX/ds x dX/du| of X(s, u) = (1 - u) lower(s) + u upper(s).
+
+    Args:
+        shape: one cup.
+        n: number of points.
+        generator: of the random numbers.
+
+    Raises:
+        ValueError: the shape has a batch dimension.
     """
     edges, tangents = (t.detach().cpu().double().numpy() for t in (shape.edges, shape.tangents))
     stations = shape.stations.detach().cpu().double().numpy()

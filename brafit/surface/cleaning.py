@@ -110,6 +110,13 @@ def clean(
 ) -> tuple[Float[np.ndarray, "m 3"], Cleaning]:
     """Clean and thin a cloud (cup frame, millimetres): `tidy`, then `finish` by the flag.
 
+    Args:
+        points: in any order; repeated ones count once.
+        inside: the cloud's flag; None: there is none, and all points are kept.
+        count: points at most; None: all.
+        outliers: see `tidy`; None: only repeated points go.
+        neighbours: see `tidy`.
+
     Raises:
         ConfigError: a setting out of its range.
     """
@@ -131,7 +138,8 @@ def tidy(
     Outliers are sought among all points, so that the rim of the breast has its neighbours from the margin.
 
     Args:
-        points, inside: the cloud (z towards the front, mm) and its flag.
+        points: the cloud, z towards the front, mm.
+        inside: its flag; None: it has none.
         outliers: a point goes when its mean distance to its neighbours exceeds the cloud's mean of it by this many
             standard deviations; None keeps all points but repeated ones.
         neighbours: the number of neighbours for that.
@@ -205,8 +213,11 @@ def finish(
     """The breast's points of a tidied cloud, thinned to `count` (see `thin`).
 
     Args:
+        tidied: the cloud, from `tidy`.
         curve: the closed curve of wire and neckline to cut along; None: nothing but the flag decides.
-        not_finite, elsewhere: points that were left out before, for the counts.
+        count: points at most; None: all.
+        not_finite: points that reading left out, for the counts.
+        elsewhere: points far from the breast that were left out before, for the counts.
         other_side: how many of the points were added to those that were read.
     """
     chosen = tidied.inside
@@ -254,6 +265,7 @@ def lonely(known: Neighbours, neighbours: int) -> Bool[np.ndarray, " n"]:
 
     Args:
         known: the neighbours of each point, at least `neighbours` and itself.
+        neighbours: as many as the mean is taken of.
     """
     distance = known.distances[:, 1 : min(neighbours + 1, known.count)].mean(axis=1)
     return distance > LONELY * np.median(distance)

@@ -29,6 +29,7 @@ def point_weights(
     of a hole stand for part of it, instead of leaving it to whatever is cheapest.
 
     Args:
+        points: in any unit, on a surface.
         curve: the closed curve that bounds the surface, if there is one.
     """
     if len(points) <= NEIGHBOURS:
@@ -87,7 +88,12 @@ def spacing_of(points: Float[np.ndarray, "n 3"]) -> float:
 
 
 def nearest_on(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "n 3"]:
-    """The nearest place of a polyline to each point."""
+    """The nearest place of a polyline to each point.
+
+    Args:
+        points: in the unit of the line.
+        line: corners of the polyline.
+    """
     best, foot = np.full(len(points), np.inf), np.zeros_like(points)
     for a, b in itertools.pairwise(line):
         step = b - a

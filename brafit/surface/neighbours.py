@@ -63,6 +63,9 @@ def nearest(
     """Distances and indices of a tree's points nearest to each place, nearest first: one column each, also for one.
 
     Args:
+        tree: of the points.
+        places: in the unit of the points.
+        count: points to each place.
         within: what is farther is not looked for: infinite distances, and the number of points as index.
     """
     wanted: Any = np.arange(1, count + 1)

@@ -158,6 +158,8 @@ def nearest_source(
 
     Args:
         graph: symmetric, as `links` gives it.
+        sources: indices of points.
+        limit: the longest way, in the graph's unit.
     """
     lengths, _, origin = csgraph.dijkstra(
         graph, directed=True, indices=sources, min_only=True, return_predecessors=True, limit=limit
@@ -238,6 +240,9 @@ def _one_side(
     Parts of the graph that hang together only by longer links are joined by these, at a high price.
 
     Args:
+        normals: unit normals, to either side.
+        distances: of each point to its neighbours, itself first.
+        near: indices of the neighbours, itself first.
         outwards: a direction for each point to which its normal may look: where all neighbours then agree, no tree is
             needed.
     """

@@ -58,6 +58,7 @@ def normals_at(points: Float[np.ndarray, "n 3"], near: Int[np.ndarray, "m k"]) -
     """Unit normals, to either side, of the planes through groups of points.
 
     Args:
+        points: in any unit.
         near: indices of each group's points.
     """
     columns = np.ascontiguousarray(points.T)
@@ -77,6 +78,7 @@ def distances_off(
     for it.
 
     Args:
+        points: in any unit, about a few mm apart if that is mm.
         chosen: indices of the points.
         near: indices of each one's neighbours.
     """

@@ -25,7 +25,9 @@ def minimised(
 
     Args:
         loss: of many points.
-        xatol, fatol: a simplex stops when its corners and their losses are so near to the best one.
+        starts: one a row.
+        xatol: a simplex stops when its corners are so near to the best one, in every coordinate, and
+        fatol: their losses so near to the least.
         rounds: or after so many, less one.
     """
     b, d = starts.shape
