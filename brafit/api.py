@@ -52,7 +52,7 @@ def fit(
         settings: as on the command line: `["cup.panels=3", "pattern.allowance.wire=8"]`. `scan.points=null` and
             `scan.outliers=null` keep all points; `scan.units=in` says that points and marks are in inches. A `Scan` is
             fitted as it was loaded: what begins with `scan.` is for `load_scan` then.
-        callback: told of every step of the fit.
+        callback: called with a `Step` after every step of the fit.
 
     Raises:
         InputError: an input that cannot be used, or whose cup is none: not developable, or no likeness of the points.

@@ -18,14 +18,14 @@ from brafit.surface.cleaning import averaged, tidy
 from brafit.surface.normals import Surface, settle, surface_of
 
 COARSE, DENSE = 6_000, 24_000
-"""Points about a breast that are looked at: for a first look, and for good."""
+"""Points about a breast that are used, at most: in the first, rough pass, and in the final one."""
 BREAST_OUT = (25.0, 160.0)
 """Distance of an apex from the mirror plane, mm."""
 AROUND, NEAR = (45.0, 5.0), 25.0
 """Distance (mm, give or take) of the ring over which an apex's height is measured, and of the points that say what is
 outwards."""
 CAP, ABOUT = 2.0, 35.0
-"""Height and radius (mm) of the cap that is looked at there."""
+"""Thickness of the cap of foremost points that an apex is the middle of, and the radius about it that is taken (mm)."""
 AREOLA, SCALE, CONVEX, LEAST = 10.0, 11.0, 0.03, 0.0005
 """About the foremost place: how wide convexity counts (mm, standard deviation), the radius (mm) it is measured in, from
 what on it counts, and as what every point counts, so that a flat place keeps to the middle."""
@@ -36,7 +36,7 @@ Each of 14 breasts by the others' rule: within 5.7 mm of the given point, 3.1 RM
 BELOW_SHOULDERS = 350.0
 """No apex lies farther below the shoulders, mm."""
 LEVELS = 60.0
-"""The apexes of both sides lie as high as each other to so many mm; of half a breast beside a whole one, 25."""
+"""Largest difference in height (mm) of the two apexes; with half a breast beside a whole one it was 25."""
 CELL, PROMINENCE = 6.0, 2.0
 """Steps of the height (mm) in which the foremost place is sought, and by how much (mm) it is before those above and
 below it."""

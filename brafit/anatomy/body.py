@@ -13,9 +13,9 @@ from jaxtyping import Float
 from brafit.surface.symmetry import mirror_of
 
 LEAN = np.radians(6.5)
-"""The long axis of a standing trunk leans back by so much."""
+"""Angle by which the long axis of a standing trunk leans back."""
 LEVEL = np.radians(6.0)
-"""An axis of the scan that is so near to the vertical found is the vertical: scanners stand level."""
+"""An axis of the scan within this angle of the vertical that was found is taken for it: scanners stand level."""
 TRUNK = 40.0
 """Half width (mm) of the strip about the mirror plane that holds no arm."""
 PROTRUDING = np.array([0.42, 0.09, 0.90])

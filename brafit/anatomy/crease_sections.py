@@ -30,9 +30,9 @@ averaging fills it and the sheets are prolonged until they meet."""
 ANGLES = np.radians(np.arange(-125.0, 126.0, 3.5))
 """Where the line is known, round its circle's centre, from the bottom towards the outer end."""
 STIFFNESS, TOWARDS = 30.0, 0.0005
-"""Of the smoothing along the line, and with what weight it is drawn to the circle."""
+"""Weights in `rim`: of the smoothness along the line, and of its distance from the circle."""
 STRAY = 2.5
-"""A place so far (mm) from the line counts a quarter."""
+"""At this distance (mm) from the line a place has a quarter of its weight."""
 RADIUS = (69.0, 8.0)
 """Radius of the circle that fits a wire, mm: mean and spread of 14."""
 LEVEL = 30.0
@@ -157,8 +157,8 @@ def rim(
     Args:
         places: seen from in front: z towards the viewer.
         weights: how far each place is trusted.
-        held: so many of the last places keep their weight.
-        flat: with what weight the line is drawn to the plane.
+        held: the last `held` places keep their full weight.
+        flat: weight of the line's distance from the plane.
     """
     trust = np.ones(len(places))
     line = places

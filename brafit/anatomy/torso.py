@@ -37,9 +37,9 @@ ARM = 12.0
 OF_WIRES = ("wire", "guessed", "inner_out", "outer_back")
 """Evidence that is of a wire's shape alone."""
 WHOLE = 60_000
-"""Points of a body that are looked at."""
+"""Points of a body that are used, at most."""
 GLANCE = 3
-"""For the first look every so many points are enough."""
+"""The first, rough pass uses every third point."""
 TORSO_SIZE = 450.0
 """Least diagonal (mm) of a torso's box."""
 GORE = 20.0
@@ -55,7 +55,7 @@ NECK = 0.0006
 BODY_SIZE = 1100.0
 """Least diagonal (mm) of a body with legs."""
 TRUNK_BELOW, TRUNK_ABOVE, TRUNK_WIDTH = 600.0, 150.0, 300.0
-"""What is looked at of it: from so far below the shoulders to so far above them, so far to either side (mm)."""
+"""The part of it that is used as the trunk (mm): down from the shoulders, up from them, and to either side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,8 +172,8 @@ def body_of(points: Float[np.ndarray, "n 3"]) -> Body:
 
 
 def body_and_trunk(points: Float[np.ndarray, "n 3"]) -> tuple[Body, Float[np.ndarray, "m 3"]]:
-    """The same, and the points of its trunk, thinned and without strays. Of a body with legs, the trunk is looked at
-    alone, with all the points that it has.
+    """The same, and the points of its trunk, thinned and without strays. Of a body with legs the trunk alone is used,
+    with all the points that it has.
     """
     sketch = _sketch(points)
     body = _best(sketch)
@@ -214,7 +214,9 @@ def _rise(body: Body, side: str, apex: np.ndarray, surface: Surface) -> float:
 
 
 def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
-    """Less, the hollower it is above the breast instead of below it: mean concavity there, negative."""
+    """Minus the mean positive concavity 40 to 90 mm above the apex; -1 without points there. It lowers the score of a
+    body that is taken upside down, whose crease lies above the breast.
+    """
     away = surface.points - apex
     above = (away @ body.up > 40) & (away @ body.up < 90) & (np.abs(away @ body.left) < 40)
     return -float(np.clip(concavity(surface, 14.0, np.flatnonzero(above)), 0, None).mean()) if above.any() else -1.0

@@ -53,7 +53,7 @@ LONGEST, FARTHEST, ASHORE, WIDEST, UNSHOWN = 310.0, 60.0, 12.0, 165.0, 0.3
 placing, or a fifth of it is ASHORE mm from the surface, or its ends are WIDEST mm apart (13 of 14: 127 to 155) though
 more than the share UNSHOWN of it shows no crease."""
 FLAT = 0.02
-"""With what weight the line between ends that are given is drawn to their plane, where no crease shows."""
+"""Where no crease shows and the ends are given: weight of the line's distance from the ends' plane."""
 ASTRAY = 5.0
 """A place of a rigid wire farther (mm) than this from the crease does not lie in it."""
 FITTINGS = 20
@@ -62,15 +62,15 @@ OFF, BESIDE = 20.0, 5.0
 """A line farther than OFF mm from the surface is not laid on it, nor one that would lie more than BESIDE mm from any
 point, over a hole."""
 PRIOR = 0.006
-"""What one squared spread off the usual costs, in units of concavity."""
+"""Penalty for each squared standard deviation from the usual wire, in units of concavity."""
 SCALE = 11.0
 """Radius in which hollowness is measured, mm."""
 STARTS, REFINED = 3000, 6
-"""Places at which a wire's usual shape is tried, and the best of them that are looked at further."""
+"""Places at which a wire's usual shape is tried, and how many of the best of them are refined."""
 HOLLOW = 0.03
 """Least concavity that counts as a crease."""
 DEEPEST = 0.15
-"""More concavity than this says nothing more."""
+"""Concavity is clipped here: a deeper crease is no stronger evidence."""
 STIFF = 30.0
 """Of the smoothing of heights along a line that is laid on the surface."""
 PIXEL, HALF = 2.0, 170.0
@@ -174,7 +174,7 @@ def plainness(surface: Surface) -> float:
 
 
 def _hollow(surface: Surface) -> tuple[Surface, np.ndarray]:
-    """The part of a surface that is looked at, and its concavity."""
+    """The part of a surface in which a wire is sought, and its concavity."""
     near = np.linalg.norm(surface.points, axis=1) < HALF
     surface = Surface(surface.points[near], surface.normals[near], surface.spacing)
     return surface, concavity(surface, max(SCALE, 4 * surface.spacing))

@@ -10,13 +10,13 @@ from brafit.cloud.refusal import RefusedError
 USED = 0.5
 """Least share of the vertices that the faces use."""
 REPEATED = 2
-"""So many vertices in a row that stand in a file twice are a sign."""
+"""Vertices in a row that a file has twice, from which on lines were doubled."""
 BACK, FOLDED = -0.7, 0.1
 """Cosine between the normals of faces that share a side below which the surface turns back there; largest share of such
 sides, each counted by the area of its faces."""
 FAR, STRAY = 10.0, 0.02
-"""A side of so many times the usual length about its ends reaches far; largest share of the area in faces that join
-vertices far apart and hang on one other face, or on none."""
+"""A side reaches far if it is FAR times as long as is usual about its ends; largest share of the area in faces that
+join vertices far apart and hang on one other face, or on none."""
 
 
 def check_uncounted(vertices: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) -> None:

@@ -162,7 +162,9 @@ class Cup(nn.Module, ABC):
         return None
 
     def sketch(self, flat: Float[Tensor, "batch size"]) -> CupShape:
-        """The cups at the stations that solvers work with: those of the output, unless fewer will do."""
+        """The cups at the stations that solvers work with, which may be fewer than those of `shape_of`; by default they
+        are the same.
+        """
         return self.shape_of(flat)
 
     def columns(self, terms: int | None = None) -> Int[Tensor, " columns"]:

@@ -57,7 +57,8 @@ class Gaps:
         index: rows of `brafit.geometry.nearest.sample_table`.
         weight: their weights.
         sliding: unit vectors, or 0 where nothing slides.
-        own: derivatives of the gaps by the last so many parameters, which the weights depend on; None: none.
+        own: derivatives of the gaps by the parameters on which the weights depend, the last ones of all; None: there
+            are none.
     """
 
     vectors: Points

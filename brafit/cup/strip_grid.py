@@ -42,7 +42,7 @@ class StripGrid(nn.Module):
 
     @staticmethod
     def of(wire: Wire, terms: int, nodes: int) -> "StripGrid":
-        """The grid of so many nodes on these wires."""
+        """The grid of `nodes` nodes on these wires, with bases of `terms` Chebyshev polynomials."""
         some, operators = wire.coefficients, Nodes.of(nodes, LENGTH)
         x = 2 * operators.s / LENGTH - 1
         arrays = {

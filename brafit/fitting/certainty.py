@@ -42,7 +42,7 @@ from brafit.geometry.development import FlatPanel
 ALTERNATIVES = 24
 """Directions of the covariance that are kept: those that move the edges most."""
 _NEIGHBOURS = 6
-"""A point's pull is compared with the mean of so many around."""
+"""Neighbours with the mean of whose pulls a point's pull is compared."""
 _APART = 100.0
 """How far panels are moved apart for that, in solver units."""
 _LEAF = 16

@@ -26,7 +26,8 @@ _SHORTEST = 1e-2
 _WORTH = 1.08
 """A neckline's weight that is to be raised by less is not worth fitting again."""
 _SEARCHING = 4
-"""Nearest points are searched anew in the first steps and then every so many; in between, they are followed."""
+"""Nearest points are searched anew in the first _SEARCHING steps and then in every _SEARCHING-th one; in between they
+are followed."""
 
 
 @dataclass(frozen=True)

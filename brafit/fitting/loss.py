@@ -20,7 +20,7 @@ def square(squared: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def beyond(squared: Tensor, free: Tensor | float) -> tuple[Tensor, Tensor]:
-    """Quadratic in what |r| exceeds `free` by: smaller residuals cost nothing."""
+    """Quadratic with a dead zone: rho = max(|r| - free, 0)^2, so that residuals up to `free` cost nothing."""
     excess = (squared.sqrt() - free).clamp_min(0)
     return excess.square(), excess / (excess + free).clamp_min(1e-30)
 

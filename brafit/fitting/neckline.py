@@ -1,4 +1,4 @@
-"""The neckline that a cup's upper edge is drawn to: the given line made smooth, on either side of its corner.
+"""The neckline that a cup's upper edge is to follow: the given line made smooth, on either side of its corner.
 
 A given neckline is mostly a cut through a triangle mesh, and an upper edge that follows it closely copies the jitter of
 that cut.

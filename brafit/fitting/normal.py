@@ -26,7 +26,7 @@ POINTS = 1 << 14
 ROWS = 1 << 18
 """Numbers of their Jacobian held at a time, likewise."""
 DEVICE = 1 << 10
-"""Other devices hold so many times more: their time goes by calls."""
+"""Factor on both for devices other than the processor, whose time depends on the number of calls."""
 _ITERATIONS = 3
 """Newton steps of the feet beside the nearest sampled ruling: the next step of the solver finds them anew."""
 
@@ -121,7 +121,7 @@ class Points:
 
 
 def slices(objective: Objective) -> list[slice]:
-    """The problems, so many at a time that the processor's caches hold what is computed of their points."""
+    """The problems in groups, small enough for the processor's caches to hold what is computed of their points."""
     batch, count = objective.targets.points.shape[:2]
     each = max(1, _held(objective.targets.points, POINTS) // max(1, count))
     return [slice(first, min(first + each, batch)) for first in range(0, batch, each)]
@@ -282,8 +282,8 @@ def _add_nested_grams(
     start: int,
     reach: Sequence[int],
 ) -> None:
-    """Add `gram` of rows that come panel by panel, so many in all, the first of these after `start` others, and are
-    zero beyond their panel's reach.
+    """Add `gram` of rows that are sorted by panels and zero beyond their panel's reach. `counts`: rows of each panel;
+    `start`: how many of them come before these.
     """
     end = start + jacobian.shape[1]
     for item, own_rows, slope, numbers in zip(matrix, jacobian, weights, counts, strict=True):

@@ -1,6 +1,6 @@
 """Where fits start: every edge of the cup as a curve drawn on the cloud, a section by a plane through the wire's chord.
 
-A cup that is first drawn to these curves starts near its best fit: from there the points lead most starts into the
+A cup that is first fitted to these curves starts near its best fit: from there the points lead most starts into the
 same optimum, in a fifth of the steps that plain arcs need.
 """
 
@@ -27,7 +27,7 @@ _WIDTH, _WIDE = 0.12, 0.5
 _DIRECTIONS = 31
 """Directions in which a section is measured."""
 _CLOUD = 1000
-"""Points that are looked at."""
+"""Points of the cloud that are used, about."""
 
 
 def start_cups(cup: Cup, targets: Sequence[Target], restarts: int = 1) -> Float[np.ndarray, "batch panels m 3"]:

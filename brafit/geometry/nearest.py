@@ -29,7 +29,7 @@ CHUNK = 1 << 17
 caches.
 """
 DEVICE = 1 << 9
-"""Other devices than the processor hold so many times more: their time goes by calls."""
+"""Factor on CHUNK for devices other than the processor, whose time depends on the number of calls."""
 
 
 @dataclass(frozen=True)

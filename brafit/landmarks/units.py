@@ -25,7 +25,7 @@ DEPTH_POSSIBLE, DEPTH_USUAL = (130.0, 450.0), (190.0, 345.0)
 NEAR = 30.0
 """Median distance (mm) within which marks lie on their cloud."""
 DISTINCT = 3.0
-"""Times that another unit must do worse for one to be certain."""
+"""A unit is certain if every other one puts the marks this many times as far from the cloud."""
 
 
 @dataclass(frozen=True)

@@ -32,15 +32,16 @@ from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
 
 AWAY = 0.1
-"""A place of the cup so many wire lengths from every point has no data, even where a cup of two panels is far off."""
+"""A place of the cup has no data if every point is farther away than this many wire lengths: more than a cup of two
+panels can be off a breast."""
 BEHIND = 0.05
-"""A point so many wire lengths behind the wire's plane is no breast's."""
+"""A point farther than this many wire lengths behind the wire's plane is no breast's."""
 LOOK = "look at the points and the lines with brafit-inspect"
 
 
 @dataclass(frozen=True)
 class Bound:
-    """Between which values a measure says nothing, and beyond which it refuses.
+    """The range of a measure that is usual, and the one that is possible.
 
     Attributes:
         cause: what is said beyond them, with `{value}`.

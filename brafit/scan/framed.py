@@ -20,7 +20,7 @@ from brafit.scan.marked import Marked, origin_of
 from brafit.underwires.sizes import wire_size
 
 WIRE_POINTS = 151
-"""Of a wire of a given size: so many that their chords are no 0.01 mm shorter than the wire."""
+"""Points of a wire of a given size: enough for their chords to be less than 0.01 mm shorter than the wire."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,14 +19,14 @@ from brafit.surface.neighbours import Neighbours, nearest
 from brafit.surface.normals import NEIGHBOURS, Surface, links, on_surface, parts, settle, surface_of
 
 SURPLUS, SLACK = 1.2, 1.25
-"""Occupied voxels, over the points wanted: what is aimed at and what will do. The excess is what crowded points are
-taken out of: the means of neighbouring voxels can lie close together."""
+"""Ratio of occupied voxels to wanted points: what the search aims at, and the most that it accepts. The means of
+neighbouring voxels can lie close together; the most crowded of the surplus are then removed."""
 DENSE = 32_000
-"""More points than this about a breast say nothing more about it: they are averaged in voxels first."""
+"""More points than this about a breast add nothing; they are averaged in voxels first."""
 SCATTER_PLACES, SCATTER_RADIUS = 1000, 6.0
 """Places at which noise is measured, and the radius (mm) of the plane about each."""
 LONELY = 3.0
-"""A point whose neighbours are so many times as far away as is usual is on no surface."""
+"""A point is on no surface if the mean distance to its neighbours is more than LONELY times the cloud's median."""
 ISLAND = 0.05
 """A part that hangs together with nothing else goes if it is smaller than this share of the largest: scanners cut real
 surfaces into large parts (shadows) and put small ones where nothing is."""
@@ -40,7 +40,7 @@ class Cleaning:
         read: points in the file (or sampled on its mesh).
         other_side: points of the other breast that were added, mirrored.
         not_finite: coordinates NaN, infinite or absurdly large.
-        elsewhere: far from the breast, not looked at.
+        elsewhere: far from the breast, left out.
         duplicates: repetitions of a point.
         outliers: removed as statistical outliers.
         off_surface: floating beside the surface that their neighbours make up.

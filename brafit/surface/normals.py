@@ -28,7 +28,7 @@ neighbour counts as 1.8 of it on a plane)."""
 FACING = 0.3
 """Least cosine between the normals of linked points."""
 WIDTH = 4.0
-"""A point so many times the cloud's noise off the plane of its neighbours floats."""
+"""A point floats if it is off the plane of its neighbours by more than WIDTH times the cloud's noise."""
 CHEAP = 0.2
 """A link whose ends' normals differ by less than this (one less the cosine, and a share of the length) costs little."""
 BEHIND = 0.2
@@ -36,9 +36,10 @@ BEHIND = 0.2
 BELL = 1.0001
 """The foot of the bell in `settle` over its radius: so that the last of the 8 nearest has some weight."""
 LEAST, MOST = 8, 64
-"""Points that a place is drawn to, at least and at most."""
+"""Points whose mean plane `settle` uses for a place, at least and at most."""
 PASSES, FEW = 3, 500
-"""What floats is taken out so many times, or until it is one point in so many: it spoils its neighbours' planes too."""
+"""Floating points are taken out up to PASSES times, since each spoils its neighbours' planes too; fewer times, once
+less than one point in FEW floats."""
 
 
 @dataclass(frozen=True, eq=False)

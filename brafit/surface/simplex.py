@@ -28,7 +28,7 @@ def minimised(
         starts: one a row.
         xatol: a simplex stops when its corners are so near to the best one, in every coordinate, and
         fatol: their losses so near to the least.
-        rounds: or after so many, less one.
+        rounds: at most `rounds` - 1 rounds are done.
     """
     b, d = starts.shape
     corners = np.repeat(starts[:, None], d + 1, axis=1)

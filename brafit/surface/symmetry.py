@@ -70,7 +70,7 @@ def mirror_of(points: Float[np.ndarray, "n 3"]) -> Mirror:
 
 
 def _along_the_body(points: np.ndarray, count: int) -> np.ndarray:
-    """About `count` of the distinct points, every so many along the body's own longest axis."""
+    """About `count` of the distinct points, evenly picked along the body's own longest axis."""
     single = distinct(points)
     centred = single - single.mean(axis=0)
     along = centred @ np.linalg.eigh(np.cov(centred.T))[1][:, 2]
