@@ -9,14 +9,12 @@ import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 from cups import cloud, half_circle, near
 
 from brafit.cup import StripsCup
 from brafit.geometry.nearest import Feet, nearest_feet, surface_points
-from brafit.geometry.smoothing import smooth_series
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "formulation.md").read_text(encoding="utf-8")
@@ -120,18 +118,3 @@ def test_second_derivative_57_of_the_distance_to_a_ruling():
     mixed = (slope * g).sum(-1) - (delta * turning).sum(-1)
     found = (slope * slope).sum(-1) - (delta * bend).sum(-1) - mixed.square() / (g * g).sum(-1)
     torch.testing.assert_close(found[inside], expected[inside], rtol=1e-4, atol=1e-4)
-
-
-@pytest.mark.parametrize("waves", [6, 10, 14])
-def test_smoothing_71_takes_this_much_off_a_wave(waves):
-    """A straight line with a wave of n half-periods across it; its height is measured away from the ends."""
-    theta, smoothing, height = np.linspace(0, np.pi, 801), 1e-6, 1e-3
-    line = np.stack((theta, height * np.cos(waves * theta), np.zeros_like(theta)), axis=1)
-    line[:, 1] -= np.interp(theta, theta[[0, -1]], line[[0, -1], 1])
-    x, chords = 2 * theta / np.pi - 1, np.diff(theta)
-    series = smooth_series(x, line, chords, smoothing)
-    inner = np.abs(theta - np.pi / 2) < np.pi / 4
-    smooth = np.polynomial.chebyshev.chebval(x, series)[1][inner]
-    wave = np.stack((np.cos(waves * theta), np.ones_like(theta), theta), axis=1)[inner]
-    kept = np.linalg.lstsq(wave, smooth, rcond=None)[0][0] / height
-    assert kept == pytest.approx(1 / (1 + smoothing * waves**6), abs=0.02)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.polynomial import chebyshev
 
-from brafit.geometry.polyline import distances, distinct, evenly_spaced
+from brafit.geometry.polyline import distances, distinct, evenly_spaced, polyline_length
 from brafit.geometry.smoothing import chord_parameter, smooth_series
 
 STRAP_REACH = 8.0
@@ -47,7 +47,7 @@ class Neckline:
 
 def intervals(sides: Sequence[Float[np.ndarray, "_ 3"]], count: int) -> int:
     """How many of the intervals between `count` points the first of two sides gets, by its length."""
-    lengths = [np.linalg.norm(np.diff(side, axis=0), axis=1).sum() for side in sides]
+    lengths = [polyline_length(side) for side in sides]
     return int(np.clip(round((count - 1) * lengths[0] / sum(lengths)), 1, count - 2))
 
 

@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from PIL import Image, ImageDraw, ImageFont
 
+from brafit.geometry.polyline import running_length
 from brafit.typeface import BOLD, PLAIN, typeface
 
 Colour = tuple[int, int, int]
@@ -130,7 +131,7 @@ class Canvas:
 
 def _dashed(points: Float[ndarray, "n 2"], dash: float, gap: float) -> list[Float[ndarray, "_ 2"]]:
     """The parts of a polyline that are drawn."""
-    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    along = running_length(points)
     starts = np.arange(0.0, along[-1], dash + gap)
     parts = []
     for start, end in zip(starts, np.minimum(starts + dash, along[-1]), strict=True):
