@@ -17,6 +17,7 @@ from scipy.spatial import KDTree
 
 from brafit.anatomy.crease_sections import folds, rim, smoothed
 from brafit.geometry.polyline import evenly_spaced, polyline_length
+from brafit.geometry.rigid import laid_on
 from brafit.surface.normals import Surface, settle
 from brafit.surface.simplex import minimised
 
@@ -196,22 +197,15 @@ def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray
     found = trace(surface, ends)
     crease, flat = evenly_spaced(found.wire, 500), np.column_stack([arc, np.zeros(len(arc))])
     tree = KDTree(crease)
-    placed = _rigid(flat, evenly_spaced(found.wire, len(arc)))
+    placed = laid_on(flat, evenly_spaced(found.wire, len(arc)))
     for _ in range(FITTINGS):
         near = np.asarray(tree.query(placed)[1])
         within = (near > 0) & (near < len(crease) - 1)
         if within.sum() < len(arc) / 2:
             break
-        placed = _rigid(flat, crease[near], within)
+        placed = laid_on(flat, crease[near], within)
     within = np.asarray(tree.query(placed)[0]) <= ASTRAY
     return Wire(placed, float(1 - (1 - found.guessed) * within.mean()), found.hollow)
-
-
-def _rigid(points: np.ndarray, aims: np.ndarray, used: np.ndarray | slice = slice(None)) -> np.ndarray:
-    """Points moved rigidly so that those used come nearest to their aims (least squares, Kabsch)."""
-    middle, aim = points[used].mean(axis=0), aims[used].mean(axis=0)
-    u, _, v = np.linalg.svd((points[used] - middle).T @ (aims[used] - aim))
-    return (points - middle) @ u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v + aim
 
 
 def _legs(surface: Surface, line: np.ndarray) -> np.ndarray:
