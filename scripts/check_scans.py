@@ -27,29 +27,25 @@ import sys
 import tempfile
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from hydra import compose, initialize_config_module
-from hydra.utils import instantiate
 from scipy.spatial import KDTree
 
 from brafit.anatomy import proposed_landmarks
 from brafit.cloud import read_cloud
-from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
-from brafit.fitting import CupFit, Target, fit_targets
+from brafit.fitting import CupFit, Target
 from brafit.geometry.order import along_curve
 from brafit.geometry.polyline import evenly_spaced, polyline_length
 from brafit.geometry.rigid import laid_on
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_landmarks
 from brafit.report.uncovered import uncovered_share
 from brafit.run.fitting import target_of
+from brafit.run.recipe import recipe_of
 from brafit.scan import Scan, load_scan
-from brafit.settings.compose import register
 from brafit.simulation.synthetic import on_panels
 from brafit.surface.gaps import gaps
 from brafit.underwires.sizes import WireSize
@@ -66,11 +62,7 @@ def rms(values: np.ndarray) -> float:
 
 def fitted(targets: Sequence[Target], panels: int) -> list[CupFit]:
     """Fits with the settings as they are shipped."""
-    register()
-    with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
-        config = compose("config", overrides=[f"cup.panels={panels}"])
-    cup = partial(StripsCup, **{key: value for key, value in config.cup.items() if not key.startswith("_")})
-    return fit_targets(targets, cup, instantiate(config.solver), instantiate(config.condition), restarts=RESTARTS)
+    return replace(recipe_of([f"cup.panels={panels}"]), restarts=RESTARTS).fit(targets)
 
 
 def drawn(points: np.ndarray, count: int = 2000) -> np.ndarray:
