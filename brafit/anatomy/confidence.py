@@ -23,26 +23,46 @@ from brafit.surface.normals import Surface
 
 @dataclass(frozen=True)
 class Bound:
-    """Between which values a piece of evidence says nothing against marks, and beyond which they are impossible.
+    """Which values of a measure are usual, and which are possible.
 
     Attributes:
-        says: the evidence in words, with `{value}`.
-        usual, possible: least and largest value.
+        says: what is said of another value, with `{value}` and maybe `{side}`.
+        usual, possible: least and largest value. What is not usual is warned of, what is not possible is refused.
+        remedy: what helps; empty where the sentence goes on.
     """
 
     says: str
     usual: tuple[float, float]
     possible: tuple[float, float] = (-np.inf, np.inf)
+    remedy: str = ""
+
+    def is_usual(self, value: float) -> bool:
+        """Whether the value needs no warning; nan does."""
+        return bool(self.usual[0] <= value <= self.usual[1])
+
+    def is_possible(self, value: float) -> bool:
+        """Whether the value need not be refused; nan is."""
+        return bool(self.possible[0] <= value <= self.possible[1])
 
     def confidence(self, value: float) -> float:
         """1 within the usual, falling to 0 where it becomes impossible; outside the usual never more than 0.9."""
-        if self.usual[0] <= value <= self.usual[1]:
+        if self.is_usual(value):
             return 1.0
         k = 0 if value < self.usual[0] else 1
         wide = abs(self.possible[k] - self.usual[k])
         if not np.isfinite(wide):
             return 0.5
         return float(np.clip(1 - abs(value - self.usual[k]) / wide, 0.0, 0.9))
+
+    def sentence(self, shown: str, side: str = "") -> str:
+        """What is said of a value, with the remedy if there is one.
+
+        Args:
+            shown: the value with its unit.
+            side: of the breast.
+        """
+        cause = self.says.format(value=shown, side=side)
+        return f"{cause}; {self.remedy}" if self.remedy else cause
 
 
 SHARES = ("guessed", "crease")
@@ -126,7 +146,7 @@ class Confidence:
     def _said(self, key: str) -> str:
         value = self.evidence[key]
         shown = f"{100 * value:.0f} %" if key in SHARES else f"{value:.0f} mm"
-        return BOUNDS[key].says.format(value=shown, side=self.side)
+        return BOUNDS[key].sentence(shown, self.side)
 
 
 def evidence(
