@@ -14,7 +14,8 @@ import torch
 from cups import cloud, half_circle, near
 
 from brafit.cup import StripsCup
-from brafit.geometry.nearest import Feet, nearest_feet, surface_points
+from brafit.geometry.nearest import nearest_feet
+from brafit.geometry.panels import Feet, surface_points
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "formulation.md").read_text(encoding="utf-8")

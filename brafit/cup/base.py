@@ -15,7 +15,7 @@ from brafit.cup.condition import Gaps
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, Lines, Wire
 from brafit.geometry.development import FlatPanel
-from brafit.geometry.nearest import sample_table
+from brafit.geometry.panels import sample_table
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Linearised:
 
     Attributes:
         shape: the cups at the stations that solvers work with, see `Cup.sketch`.
-        table: derivatives of `brafit.geometry.nearest.sample_table` of the shape.
+        table: derivatives of `brafit.geometry.panels.sample_table` of the shape.
         margin, margin_columns: regularity margin of every panel at every station, and its derivatives.
         unfairness, unfairness_columns: `Cup.unfairness` and its derivatives.
         constraints: derivatives of `Cup.constraints`.

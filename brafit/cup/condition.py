@@ -12,8 +12,10 @@ from torch import Tensor
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, unit
+from brafit.geometry.hermite import hermite, hermite_slope
 from brafit.geometry.moving import slid
-from brafit.geometry.nearest import gather_rows, hermite, hermite_slope, nearest_on_curve, weighted
+from brafit.geometry.nearest import nearest_on_curve
+from brafit.geometry.panels import gather_rows, weighted
 
 Points = Float[Tensor, "batch m 3"]
 
@@ -54,7 +56,7 @@ class Gaps:
 
     Attributes:
         vectors: the gaps, differentiable in the samples.
-        index: rows of `brafit.geometry.nearest.sample_table`.
+        index: rows of `brafit.geometry.panels.sample_table`.
         weight: their weights.
         sliding: unit vectors, or 0 where nothing slides.
         own: derivatives of the gaps by the parameters on which the weights depend, the last ones of all; None: there

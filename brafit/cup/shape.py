@@ -14,7 +14,8 @@ from torch import Tensor
 
 from brafit.geometry.developable import dot, regularity, rib_angle
 from brafit.geometry.development import FlatPanel, develop
-from brafit.geometry.nearest import project, surface_points
+from brafit.geometry.nearest import project
+from brafit.geometry.panels import surface_points
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from torch import Tensor
 
 from brafit.cup.base import Linearised
 from brafit.fitting.objective import Block, Objective, Pressure
-from brafit.geometry.nearest import Feet, Sums, project
+from brafit.geometry.nearest import project
+from brafit.geometry.panels import Feet, Sums
 from brafit.geometry.products import aligned, total, weighted_rows
 
 POINTS = 1 << 14

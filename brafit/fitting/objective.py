@@ -22,7 +22,8 @@ from brafit.cup.shape import CupShape
 from brafit.fitting.loss import Loss, beyond, fuzzy, point_loss, square
 from brafit.fitting.targets import Targets
 from brafit.geometry.developable import dot
-from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
+from brafit.geometry.nearest import nearest_feet, signed_distance
+from brafit.geometry.panels import Feet
 from brafit.geometry.products import total
 
 Flat = Float[Tensor, "batch size"]

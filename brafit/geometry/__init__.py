@@ -11,11 +11,13 @@ on the CPU. Numbers in parentheses, as in "(12)", are equations of docs/formulat
     curve         moving frames and curves integrated as an associative scan
     developable   omega from two edges, rib angle, twist, regularity of a ruled panel
     strip         a developable panel built on an edge, and the edge that it makes
-    nearest       nearest point on a chain of panels, with envelope gradients
+    panels        places on a chain of panels, as sums of samples of the edges
+    nearest       nearest point on a chain of panels, with envelope gradients; `foot`: on a given panel
+    hermite       curves between samples
     moving        nearest points that move with cup and points, for second derivatives
     development   the panel laid flat
     fairness      how quickly the curvature of flat edges changes
-    polyline      length, even spacing, distances of polylines
+    polyline      length, even spacing, distances of polylines; `rigid`: points laid on points
     smoothing     smooth curves near polylines; `traced`: the same, differentiable
     products      matrix products that are the same for an item alone and in a batch
     order         points in the order of a curve that fills space

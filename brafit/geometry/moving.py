@@ -15,18 +15,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from brafit.geometry.developable import dot
-from brafit.geometry.nearest import (
-    Edges,
-    Feet,
-    Points,
-    gather_rows,
-    hermite,
-    hermite_bend,
-    hermite_slope,
-    sample_table,
-    stencil,
-    weighted,
-)
+from brafit.geometry.hermite import hermite, hermite_bend, hermite_slope
+from brafit.geometry.panels import Edges, Feet, Points, gather_rows, sample_table, stencil, weighted
 
 _FLAT = 1e-9
 """Where a minimum is so flat across some direction, in parts of what it could be, its place is held: at the cusps."""
