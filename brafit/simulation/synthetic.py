@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from brafit.cup.shape import CupShape
+from brafit.geometry.hermite import hermite, hermite_slope
 
 PAPER_RADIUS = 1 / 2.91
 """Radius of the paper's wire and sphere: its wire has the constant omega (0, 2.91, 0)."""
@@ -85,10 +86,10 @@ def _hermite(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions and derivatives of the edges at s."""
     k = np.clip(np.searchsorted(stations, s, side="right") - 1, 0, len(stations) - 2)
-    h = (stations[k + 1] - stations[k])[:, None]
-    q = (s[:, None] - stations[k][:, None]) / h
-    a, b = edges[edge, k], edges[edge, k + 1]
-    da, db = h * tangents[edge, k], h * tangents[edge, k + 1]
-    position = a + q * (da + q * (3 * (b - a) - 2 * da - db + q * (2 * (a - b) + da + db)))
-    derivative = da + q * (2 * (3 * (b - a) - 2 * da - db) + 3 * q * (2 * (a - b) + da + db))
-    return position, derivative / h
+    steps = stations[k + 1] - stations[k]
+    tau, h = torch.from_numpy((s - stations[k]) / steps), torch.from_numpy(steps)
+    samples = np.stack((edges[edge, k], edges[edge, k + 1], tangents[edge, k], tangents[edge, k + 1]), axis=1)
+    position, derivative = (
+        (weights.numpy()[:, :, None] * samples).sum(axis=1) for weights in (hermite(tau, h), hermite_slope(tau, h))
+    )
+    return position, derivative / steps[:, None]
