@@ -221,11 +221,10 @@ class Result:
         return written
 
     def _write_pages(self, folder: Path, files: Sequence[str], notes: Sequence[str]) -> list[Path]:
-        from brafit.report.page import write_report
+        from brafit.report.page import ScanPage, write_report
         from brafit.report.pictures import thumbnail
 
-        write_report(
-            folder / "report.html",
+        content = ScanPage(
             row=self.row(),
             side=self.side,
             shape=self.shape,
@@ -244,6 +243,7 @@ class Result:
             warnings=self.fit.warnings,
             notes=notes,
         )
+        write_report(folder / "report.html", content)
         picture = thumbnail(self.target.points, self.fit.distances, self.shape, self.side)
         write_bytes(folder / "thumbnail.png", picture)
         return [folder / "report.html", folder / "thumbnail.png"]
