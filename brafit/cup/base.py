@@ -118,6 +118,10 @@ class Cup(nn.Module, ABC):
 
         The upper edge of panel i is to run near the plane through the wire's chord that is turned by angles[i]
         radians from +x (down) over +z (out), and reach out as far as reaches[i] from the chord.
+
+        Args:
+            angles: for each panel's upper edge, radians.
+            reaches: likewise, solver units.
         """
 
     @abstractmethod
@@ -176,7 +180,13 @@ class Cup(nn.Module, ABC):
     def corner_gap(
         self, flat: Float[Tensor, "batch size"], shape: CupShape, points: Float[Tensor, "batch 3"]
     ) -> Gaps | None:
-        """From points to the upper edge's corner; None for models without one."""
+        """From points to the upper edge's corner; None for models without one.
+
+        Args:
+            flat: parameters of the cups.
+            shape: the cups at the solver's stations.
+            points: one a cup, solver units.
+        """
         return None
 
     def place_corner(
@@ -184,6 +194,11 @@ class Cup(nn.Module, ABC):
     ) -> Float[Tensor, "batch size"]:
         """The parameters with the upper edge's corner, if the model has one, brought near the strap points that are
         given.
+
+        Args:
+            flat: parameters of the cups.
+            points: strap points, solver units.
+            given: for which cups there is one.
         """
         return flat
 
@@ -197,7 +212,12 @@ class Cup(nn.Module, ABC):
 
     @torch.no_grad()
     def linearise(self, flat: Float[Tensor, "batch size"], terms: int | None = None) -> Linearised:
-        """The cups and their derivatives by the parameters that are free with this many terms (all by default)."""
+        """The cups and their derivatives by the parameters that are free with this many terms (all by default).
+
+        Args:
+            flat: parameters of the cups.
+            terms: free terms of the series; None: all.
+        """
         columns = self.columns(terms)
         shape = self.sketch(flat)
         names = list(self.constraints(shape))

@@ -190,5 +190,10 @@ def station_weights(stations: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
 def shortfall(margin: Tensor, bound: float, width: float) -> Tensor:
     """Smooth barrier: about bound - margin where the regularity margin is below its bound, fading to 0 over `width`
     above it.
+
+    Args:
+        margin: regularity margins, see `CupShape.margin`.
+        bound: where the barrier is to hold them.
+        width: over which the barrier fades.
     """
     return width * torch.nn.functional.softplus((bound - margin) / width)

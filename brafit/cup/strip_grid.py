@@ -74,6 +74,11 @@ class StripGrid(nn.Module):
 
 
 def chebyshev_bases(terms: int, x: Float[Tensor, " n"]) -> tuple[Float[Tensor, "terms n"], ...]:
-    """Chebyshev polynomials at x in [-1, 1], and their first and second derivatives by s."""
+    """Chebyshev polynomials at x in [-1, 1], and their first and second derivatives by s.
+
+    Args:
+        terms: how many polynomials.
+        x: places in [-1, 1].
+    """
     points = x.cpu().double().numpy()
     return tuple(like(chebyshev_synthesis(terms, points, k).T * (2 / LENGTH) ** k, x) for k in range(3))

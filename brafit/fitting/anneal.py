@@ -168,6 +168,11 @@ class _Run:
 def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pressure) -> Float[Tensor, "batch size"]:
     """Fulfil the cup's closure equations to round-off by the least change, measured by the objective's Gauss-Newton
     matrix.
+
+    Args:
+        objective: the problems.
+        place: their parameters.
+        pressure: weights of constraints, barrier and neckline.
     """
     cup = objective.cup
     if cup.exact:  # closed by construction

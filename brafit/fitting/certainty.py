@@ -248,6 +248,10 @@ def outline_deviation(
 ) -> list[tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]]:
     """Standard deviation (mm) of the place of every piece's edges, across them, at the stations: for each panel of the
     lower and of the upper edge. Alternatives are laid on the fit's piece as a rigid motion fits best.
+
+    Args:
+        panels: of the fit, laid flat, mm.
+        alternatives: of the same fit; none: zeros are returned.
     """
     if not alternatives:
         none = np.zeros(len(panels[0].lower))

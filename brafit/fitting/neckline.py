@@ -74,6 +74,10 @@ def side_rows(
 ) -> list[Int[np.ndarray, " _"]]:
     """The line parted at the strap point, as numbers of its points. The strap point, number k, takes the place of
     points that are next to it: an evenly sampled line cuts its corner off.
+
+    Args:
+        line: distinct points, mm.
+        strap_point: where the line is parted; None: nowhere.
     """
     every = np.arange(len(line))
     if strap_point is None or len(line) < 3:

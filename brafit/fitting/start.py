@@ -35,6 +35,11 @@ def start_cups(cup: Cup, targets: Sequence[Target], restarts: int = 1) -> Float[
 
     Returns the curves, mm, that the starts were read from, see `start_curves`.
 
+    Args:
+        cup: B cups, B = targets times restarts.
+        targets: the scans.
+        restarts: starts per scan.
+
     Raises:
         ValueError: the cups are not as many as the starts.
     """
@@ -53,6 +58,12 @@ def start_curves(target: Target, panels: int, count: int, seed: int = 0) -> Floa
     edge. Each ridge is the section of the cloud at an angle about the chord between those two. The first start puts
     the ridges where breasts' cups usually have them, the next ones move them down and up, any further ones at random
     (from `seed`, the same for every scan). The last curve is the neckline, or the section where the cloud ends.
+
+    Args:
+        target: the scan.
+        panels: of the cup.
+        count: number of starts.
+        seed: of the starts beyond those in `_SPREAD`.
     """
 
     def polar(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

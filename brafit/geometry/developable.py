@@ -58,7 +58,12 @@ def rulings(lower: Vectors, upper: Vectors, lower_tangent: Vectors, upper_tangen
 
 
 def rib_angle(tangent: Vectors, direction: Vectors) -> Values:
-    """alpha in radians, (18): positive where the ruling leans back against the edge's direction."""
+    """alpha in radians, (18): positive where the ruling leans back against the edge's direction.
+
+    Args:
+        tangent: edge tangents (any length).
+        direction: unit ruling directions.
+    """
     return -torch.asin(dot(unit(tangent), direction).clamp(-1, 1))
 
 
@@ -69,13 +74,23 @@ def rib_angle_from_omega(omega: Vectors) -> Values:
 
 
 def across(tangent: Vectors, direction: Vectors) -> Vectors:
-    """xi: the unit vector in the panel's tangent plane at right angles to the edge, on the panel's side."""
+    """xi: the unit vector in the panel's tangent plane at right angles to the edge, on the panel's side.
+
+    Args:
+        tangent: edge tangents (any length).
+        direction: unit ruling directions.
+    """
     t = unit(tangent)
     return unit(direction - dot(t, direction)[..., None] * t)
 
 
 def normals(tangent: Vectors, direction: Vectors) -> Vectors:
-    """eta = zeta x xi, the unit surface normal."""
+    """eta = zeta x xi, the unit surface normal.
+
+    Args:
+        tangent: edge tangents (any length).
+        direction: unit ruling directions.
+    """
     return unit(torch.linalg.cross(tangent, direction))
 
 

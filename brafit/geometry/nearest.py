@@ -43,6 +43,10 @@ def sampled_distances(
 ) -> tuple[Int[Tensor, "panels *batch points"], Float[Tensor, "panels *batch points"]]:
     """Nearest sampled ruling of every panel, by the closed-form distance to the segments, and the squared distances
     to them.
+
+    Args:
+        points: in the unit of the edges; finite.
+        edges: positions of all edges at the stations, from the wire up.
     """
     batch, (panels, n) = points.shape[:-2], (edges.shape[-3] - 1, edges.shape[-2])
     # Single precision tells which ruling is nearest; where it cannot, either will do.
@@ -273,6 +277,13 @@ def foot_directions(points: Points, edges: Edges, tangents: Edges, stations: Flo
 
     Where the foot lies inside a panel that is the surface normal; at the rim it is the difference vector's own
     direction.
+
+    Args:
+        points: in the unit of the edges.
+        edges: positions of all edges at the stations, from the wire up.
+        tangents: their derivatives by s.
+        stations: s of the samples, increasing.
+        feet: of these points on these edges.
     """
     delta = points - surface_points(edges, tangents, stations, feet)
     normal = surface_normals(edges, tangents, stations, feet)

@@ -43,7 +43,12 @@ class Feet:
         return start + self.tau * (stations[self.interval + 1] - start)
 
     def on(self, stations: Float[Tensor, " n"], others: Float[Tensor, " m"]) -> "Feet":
-        """The same feet on panels that are sampled at other stations."""
+        """The same feet on panels that are sampled at other stations.
+
+        Args:
+            stations: s of the samples that the feet refer to.
+            others: s of the samples that they shall refer to, over the same range.
+        """
         arc = self.arc(stations)
         interval = (torch.searchsorted(others, arc, right=True) - 1).clamp(0, len(others) - 2)
         start = others[interval]
@@ -79,7 +84,12 @@ def sample_table(edges: Edges, tangents: Edges) -> Float[Tensor, "*batch rows 3"
 def gather_rows(
     table: Float[Tensor, "*batch rows k"], index: Int[Tensor, "*batch p m"]
 ) -> Float[Tensor, "*batch p m k"]:
-    """Rows of each batch item's table, for two trailing dimensions of indices."""
+    """Rows of each batch item's table, for two trailing dimensions of indices.
+
+    Args:
+        table: for each batch item.
+        index: m rows for each of p places.
+    """
     flat = index.flatten(-2)[..., None].expand(*index.shape[:-2], -1, table.shape[-1])
     return table.gather(-2, flat).unflatten(-2, index.shape[-2:])
 
@@ -90,13 +100,27 @@ def weighted(weight: Float[Tensor, "*batch p m"], rows: Float[Tensor, "*batch p 
 
 
 def surface_points(edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], feet: Feet) -> Points:
-    """X(s*, u*): differentiable in the edges, with the feet held fixed."""
+    """X(s*, u*): differentiable in the edges, with the feet held fixed.
+
+    Args:
+        edges: positions of all edges at the stations, from the wire up.
+        tangents: their derivatives by s.
+        stations: s of the samples, increasing.
+        feet: places on these panels.
+    """
     index, weight = stencil(feet, stations, edges.shape[-3])
     return weighted(weight, gather_rows(sample_table(edges, tangents), index))
 
 
 def surface_normals(edges: Edges, tangents: Edges, stations: Float[Tensor, " n"], feet: Feet) -> Points:
-    """Unit normals X_s x X_u at the feet, outward for a cup: eta = zeta x xi."""
+    """Unit normals X_s x X_u at the feet, outward for a cup: eta = zeta x xi.
+
+    Args:
+        edges: positions of all edges at the stations, from the wire up.
+        tangents: their derivatives by s.
+        stations: s of the samples, increasing.
+        feet: places on these panels.
+    """
     rows = sample_table(edges, tangents)
     index, slope = stencil(feet, stations, edges.shape[-3], slope=True)
     samples = gather_rows(rows, index)
@@ -135,7 +159,12 @@ class Sums:
     def gradient(
         self, force: Float[Tensor, "*batch points"], table_jacobian: Float[Tensor, "*batch rows 3 size"]
     ) -> Float[Tensor, "*batch size"]:
-        """Gradient of the sum of force * distance by the parameters, without a row for each point."""
+        """Gradient of the sum of force * distance by the parameters, without a row for each point.
+
+        Args:
+            force: the value's derivative by each distance.
+            table_jacobian: derivatives of `sample_table` by the parameters.
+        """
         *batch, rows, _, size = table_jacobian.shape
         problem = 3 * rows * torch.arange(math.prod(batch), device=force.device).view(*batch, 1, 1)
         pull = force.new_zeros(math.prod(batch) * 3 * rows)

@@ -24,7 +24,12 @@ def distinct(line: Float[np.ndarray, "k d"]) -> Float[np.ndarray, "m d"]:
 
 
 def evenly_spaced(line: Float[np.ndarray, "k d"], count: int) -> Float[np.ndarray, "count d"]:
-    """Points at equal arc length along a polyline, ends included: however densely each part was marked."""
+    """Points at equal arc length along a polyline, ends included: however densely each part was marked.
+
+    Args:
+        line: distinct or not, in any unit; no shorter than one segment.
+        count: points wanted, at least 2.
+    """
     line = np.asarray(line, dtype=np.float64)
     arc = running_length(line)
     at = np.linspace(0.0, arc[-1], count)
@@ -32,7 +37,12 @@ def evenly_spaced(line: Float[np.ndarray, "k d"], count: int) -> Float[np.ndarra
 
 
 def distances(points: Float[np.ndarray, "n d"], line: Float[np.ndarray, "k d"]) -> Float[np.ndarray, " n"]:
-    """Distances of points from a polyline."""
+    """Distances of points from a polyline.
+
+    Args:
+        points: in the unit of the line.
+        line: corners of the polyline.
+    """
     start, step = line[:-1], np.diff(line, axis=0)
     square = np.maximum((step**2).sum(axis=1), 1e-30)
     offset = points[:, None] - start

@@ -16,6 +16,11 @@ def ritz_basis(kind: str, terms: int, x: Float[Tensor, " n"]) -> Float[Tensor, "
     fourier:   1, sin(pi x), cos(pi x), sin(2 pi x), ... period 2: redundant on [0, 1], but rich with few terms
     chebyshev: T_k(2 x - 1)
 
+    Args:
+        kind: one of BASES.
+        terms: how many functions.
+        x: arc length over length.
+
     Raises:
         ValueError: unknown kind, or fewer than one term.
     """

@@ -222,7 +222,12 @@ def strip(rates: Rates, phi: Angle, alpha: Angle, alpha_slope: Values, t: Values
 
 
 def next_rates(panel: Strip, derivative: Float[Tensor, "n n"]) -> Rates:
-    """Rates of the frame (T1, U1, V1 = eta) along the panel's upper edge."""
+    """Rates of the frame (T1, U1, V1 = eta) along the panel's upper edge.
+
+    Args:
+        panel: from `strip`.
+        derivative: from `Nodes`.
+    """
     bend, beta = panel.bend, panel.beta
     return Rates(
         speed=panel.next_speed,
@@ -261,6 +266,12 @@ def upper_turn(panel: Strip, t_slope: Values, t_second: Values, derivative: Floa
 
 
 def turned(first: Vectors, second: Vectors, angle: Angle) -> tuple[Vectors, Vectors]:
-    """Two unit vectors at right angles, turned from the first towards the second."""
+    """Two unit vectors at right angles, turned from the first towards the second.
+
+    Args:
+        first: unit vectors.
+        second: unit vectors at right angles to the first.
+        angle: of the turn.
+    """
     sine, cosine = angle.sine[..., None], angle.cosine[..., None]
     return torch.addcmul(first * cosine, second, sine), torch.addcmul(second * cosine, first, sine, value=-1)

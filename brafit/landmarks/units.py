@@ -72,6 +72,10 @@ def wire_unit(file: Path, length: float) -> str:
 def body_unit(file: Path, points: Float[np.ndarray, "n 3"]) -> str:
     """The unit of a scan of a torso or a body, from its depth.
 
+    Args:
+        file: named in the error.
+        points: of the scan, in its own unit.
+
     Raises:
         InputError: two would do, or none.
     """

@@ -80,7 +80,14 @@ def dimension_deviation(
     apex: Float[ndarray, "3"],
     strap_point: Float[ndarray, "3"] | None = None,
 ) -> dict[Key, float]:
-    """Standard deviation of every dimension, before ease; empty without alternatives (`brafit.fitting.certainty`)."""
+    """Standard deviation of every dimension, before ease; empty without alternatives (`brafit.fitting.certainty`).
+
+    Args:
+        fit: the cup.
+        alternatives: cups a standard deviation away, in all directions that are kept.
+        apex: bust point, cup frame, mm.
+        strap_point: cup frame, mm, or None.
+    """
     if not alternatives:
         return {}
     cups = [fit, *alternatives]

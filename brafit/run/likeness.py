@@ -88,7 +88,12 @@ _SHARES = ("behind", "gap", "uncovered")
 
 
 def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
-    """The measures that `BOUNDS` judges: lengths over the wire's length, but for the wire's own (mm)."""
+    """The measures that `BOUNDS` judges: lengths over the wire's length, but for the wire's own (mm).
+
+    Args:
+        fit: the cup.
+        scan: as it was fitted.
+    """
     length = polyline_length(scan.wire)
     height = scan.points[:, 2] / length
     found = {key: fit.figures[f"{key}_mm"] / length for key in ("rms", "p95", "max")}

@@ -253,7 +253,13 @@ def _scatter(surface: Surface, breast: np.ndarray) -> float:
 
 
 def inliers(points: Float[np.ndarray, "n 3"], neighbours: int, deviations: float) -> Bool[np.ndarray, " n"]:
-    """Mask of the points that Open3D's statistical outlier removal keeps."""
+    """Mask of the points that Open3D's statistical outlier removal keeps.
+
+    Args:
+        points: distinct ones.
+        neighbours: of each point.
+        deviations: above the mean distance to them.
+    """
     _, mask = _cloud(points).remove_statistical_outliers(neighbours, deviations)
     return mask.numpy().astype(bool)
 
@@ -277,6 +283,10 @@ def thin(points: Float[np.ndarray, "n 3"], count: int | None) -> tuple[Float[np.
     Points in a voxel are replaced by their mean; the voxel edge is sought so that a fifth more voxels are occupied than
     points wanted, and of these the most crowded go (`uncrowd`). So exactly `count` points come back, or all distinct
     ones where there are no more. Sorted; independent of the input's order.
+
+    Args:
+        points: in any order.
+        count: points at most; None: all distinct ones.
     """
     points = distinct(points)
     if count is None or len(points) <= count:

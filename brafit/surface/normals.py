@@ -175,6 +175,11 @@ def settle(
 
     The surface near a place is the plane through the weighted mean of the points within `radius` (or of the 8 nearest,
     where there are fewer), with a bell of that radius as weights. Only points that face as the nearest one does count.
+
+    Args:
+        surface: with outward normals.
+        places: near the surface, in its unit.
+        radius: in its unit.
     """
     distances, near, radius_of = _within(surface, places, radius)
     normals = surface.normals[near]

@@ -88,6 +88,11 @@ def apart(one: Surface, other: Surface, places: Float[np.ndarray, "n 3"]) -> flo
 
     Each surface is the mean plane of its points about a place, so that noise averages out. Infinite if they share less
     than half of the places.
+
+    Args:
+        one: with outward normals, mm.
+        other: likewise, in the same frame.
+        places: of the first surface.
     """
     chosen = places[:: max(1, len(places) // COMPARED)]
     radius = max(PATCH, 3 * max(one.spacing, other.spacing))
