@@ -44,14 +44,15 @@ def fit(
         side: the wearer's `left` or `right` breast. With points: `left` if it is not given. With a file: the side that
             its landmark file marks.
         neckline: with points: (m, 3) the wanted upper edge, from end to end of the wire.
-        strap_point, apex: with points: (3) where the strap is sewn on, and the bust point.
-        inside: with points: (n) true for those between wire and neckline. Without it the breast is cut out by wire and
+        strap_point: with points: (3,) where the strap is sewn on.
+        apex: with points: (3,) the bust point.
+        inside: with points: (n,) true for those between wire and neckline. Without it the breast is cut out by wire and
             neckline.
         name: for labels and files; that of the scan or the file if it is not given.
         settings: as on the command line: `["cup.panels=3", "pattern.allowance.wire=8"]`. `scan.points=null` and
             `scan.outliers=null` keep all points; `scan.units=in` says that points and marks are in inches. A `Scan` is
             fitted as it was loaded: what begins with `scan.` is for `load_scan` then.
-        callback: told of every step of the fit.
+        callback: called with a `Step` after every step of the fit.
 
     Raises:
         InputError: an input that cannot be used, or whose cup is none: not developable, or no likeness of the points.

@@ -1,6 +1,6 @@
 """Processes that work for this one. What crashes, hangs or eats all memory in one of them costs its own task alone.
 
-A `Pool` has so many processes; each does one call at a time, may tell something while it is at it, and is replaced when
+A `Pool` has a number of processes; each does one call at a time, may report while it runs, and is replaced when
 it dies or falls silent for too long. On Linux they are forks of one process that has imported what they need, so that a
 new one is ready within milliseconds. They do not run the caller's main module again: scripts and notebooks need no
 `__main__` guard.
@@ -102,6 +102,9 @@ class Pool:
         """Begin a call; what comes of it is told by `events` under its key.
 
         Args:
+            key: tells this call from all others that are running.
+            function: `package.module:name`.
+            arguments: of the function, before the one by which it tells; what pickle can send.
             patience: seconds of silence after which it is given up.
 
         Raises:
@@ -118,7 +121,7 @@ class Pool:
         worker.begin(key, call, patience)
 
     def events(self, timeout: float | None = None) -> Iterator[tuple[Hashable, Event]]:
-        """What has happened, once something has, or after so many seconds."""
+        """What has happened: waits for the first event, or until `timeout` seconds have passed."""
         busy = {worker.connection: worker for worker in self._workers if worker.key is not None}
         if not busy:
             return

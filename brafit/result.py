@@ -153,6 +153,7 @@ class Result:
         """Write fit.json, the patterns, meshes and pages that the options ask for.
 
         Args:
+            folder: of the scan; it is made if it is missing.
             extra: further entries of fit.json.
 
         Returns:
@@ -231,11 +232,10 @@ class Result:
         return written
 
     def _write_pages(self, folder: Path, files: Sequence[str], notes: Sequence[str]) -> list[Path]:
-        from brafit.report.page import write_report
+        from brafit.report.page import ScanPage, write_report
         from brafit.report.pictures import thumbnail
 
-        write_report(
-            folder / "report.html",
+        content = ScanPage(
             row=self.row(),
             side=self.side,
             shape=self.shape,
@@ -254,6 +254,7 @@ class Result:
             warnings=self.fit.warnings,
             notes=notes,
         )
+        write_report(folder / "report.html", content)
         picture = thumbnail(self.target.points, self.fit.distances, self.shape, self.side)
         write_bytes(folder / "thumbnail.png", picture)
         return [folder / "report.html", folder / "thumbnail.png"]

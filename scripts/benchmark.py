@@ -26,8 +26,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from hydra import compose, initialize_config_module
-from hydra.utils import instantiate
 from rescans import write_rescans
 from scipy.optimize import least_squares
 from torch import Tensor
@@ -40,8 +38,8 @@ from brafit.fitting.measure import in_millimetres, upper_edge_gap
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.targets import Targets
 from brafit.run.fitting import target_of
+from brafit.run.recipe import recipe_of
 from brafit.scan import find_scans, load_scan
-from brafit.settings.compose import register
 from brafit.simulation.synthetic import on_panels, quarter_sphere
 
 POINTS = 2000
@@ -57,10 +55,8 @@ WIRE = 200.0
 
 def shipped() -> tuple[LM, Conditions]:
     """Solver and conditions as `brafit cup=strips solver=lm` has them."""
-    register()
-    with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
-        config = compose("config", overrides=["cup=strips", "solver=lm"])
-    return instantiate(config.solver), instantiate(config.condition)
+    recipe = recipe_of(["cup=strips", "solver=lm"])
+    return recipe.solver, recipe.condition
 
 
 @cache

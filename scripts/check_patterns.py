@@ -426,6 +426,7 @@ def flattened(mesh: Any, method: str) -> np.ndarray:
 
     Args:
         mesh: has vertices (v, 3), flat (v, 2) and faces (f, 3).
+        method: `lscm` or `arap`.
     """
     igl = module("igl", "libigl")
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)

@@ -20,30 +20,26 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 import torch
 from check_scans import patterns_apart, simulated, wanted_parts
-from hydra import compose, initialize_config_module
-from hydra.utils import instantiate
 from tqdm import tqdm
 
-from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
-from brafit.fitting import CupFit, Target, fit_targets
+from brafit.fitting import CupFit, Target
 from brafit.fitting.objective import Conditions
 from brafit.fitting.result import ResultCode
-from brafit.fitting.solver import Solver
 from brafit.geometry.development import FlatPanel
 from brafit.geometry.fairness import EdgeCurvature
 from brafit.geometry.polyline import distances, evenly_spaced
 from brafit.pattern.piece import pieces_from_panels
 from brafit.run.fitting import target_of
+from brafit.run.recipe import Recipe, recipe_of
 from brafit.scan import Scan, find_scans, load_scan
-from brafit.settings.compose import register
 from brafit.surface import point_weights
 
 POINTS = 2500
@@ -81,37 +77,18 @@ class Cut(Protocol):
     def panels(self) -> list[FlatPanel]: ...
 
 
-@dataclass(frozen=True)
-class Settings:
+def shipped(panels: int) -> Recipe:
     """The settings as they are shipped."""
+    return recipe_of([f"cup.panels={panels}"])
 
-    cup: Callable[..., StripsCup]
-    solver: Solver
-    condition: Conditions
-    restarts: int
 
-    @staticmethod
-    def of(panels: int) -> Settings:
-        register()
-        with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
-            config = compose("config", overrides=[f"cup.panels={panels}"])
-        cup = partial(StripsCup, **{key: value for key, value in config.cup.items() if not key.startswith("_")})
-        return Settings(cup, instantiate(config.solver), instantiate(config.condition), config.restarts)
-
-    def fits(self, targets: Sequence[Target], label: str) -> list[CupFit]:
-        """The fits of all targets, with a progress bar."""
-        chunks = [targets[k : k + TOGETHER] for k in range(0, len(targets), TOGETHER)]
-        fits: list[CupFit] = []
-        for chunk in tqdm(chunks, desc=label, unit="batch", leave=False):
-            fits += fit_targets(
-                chunk,
-                self.cup,
-                self.solver,
-                self.condition,
-                restarts=self.restarts,
-                threads=torch.get_num_threads(),
-            )
-        return fits
+def fits_of(recipe: Recipe, targets: Sequence[Target], label: str) -> list[CupFit]:
+    """The fits of all targets, with a progress bar."""
+    chunks = [targets[k : k + TOGETHER] for k in range(0, len(targets), TOGETHER)]
+    fits: list[CupFit] = []
+    for chunk in tqdm(chunks, desc=label, unit="batch", leave=False):
+        fits += recipe.fit(chunk, threads=torch.get_num_threads())
+    return fits
 
 
 @cache
@@ -134,11 +111,11 @@ def rescan(scan: Scan, seed: int, noise: float) -> Target:
 
 
 def rescans_fitted(
-    scans: Sequence[Scan], count: int, noise: float, settings: Settings, label: str
+    scans: Sequence[Scan], count: int, noise: float, recipe: Recipe, label: str
 ) -> list[tuple[list[Target], list[CupFit]]]:
     """The rescans of each breast and their fits."""
     targets = [[rescan(scan, seed, noise) for seed in range(count)] for scan in scans]
-    fits = settings.fits([target for own in targets for target in own], label)
+    fits = fits_of(recipe, [target for own in targets for target in own], label)
     return [(own, fits[k * count : (k + 1) * count]) for k, own in enumerate(targets)]
 
 
@@ -287,7 +264,7 @@ def report_outlines(options: Options) -> None:
     wide = max(len(scan.name) for scan in scans)
     for noise in options.noise:
         for panels in options.panels:
-            settings = Settings.of(panels)
+            recipe = shipped(panels)
             label = f"{panels} panels, noise {noise:g} mm"
             print(
                 f"\n{options.rescans} rescans of each breast, {label}. mm: RMS of the points; outlines off those of"
@@ -296,8 +273,8 @@ def report_outlines(options: Options) -> None:
                 " lower,upper edge of each piece from the wire up, the last on either side of the strap point"
             )
             rows = []
-            for scan, own in zip(scans, rescans_fitted(scans, options.rescans, noise, settings, label), strict=True):
-                rows.append(Repeat.of(*own, settings.condition))
+            for scan, own in zip(scans, rescans_fitted(scans, options.rescans, noise, recipe, label), strict=True):
+                rows.append(Repeat.of(*own, recipe.condition))
                 print(f"  {scan.name:{wide}} {rows[-1]}")
             print(f"  {label}: {_summary(rows)}", flush=True)
 
@@ -330,7 +307,7 @@ def report_simulated(options: Options) -> None:
     targets = [target_of(load_scan(path)) for which in (0, 1) for path in (pair[which] for pair in pairs)]
     away = {}
     for panels in options.panels:
-        fits = Settings.of(panels).fits(targets, f"{panels} panels")
+        fits = fits_of(shipped(panels), targets, f"{panels} panels")
         away[panels] = [patterns_apart(a, b) for a, b in zip(fits[: len(pairs)], fits[len(pairs) :], strict=True)]
     for k, (path, breast) in enumerate(pairs):
         values = ", ".join(f"{panels} panels {away[panels][k]:.2f}" for panels in options.panels)
@@ -350,7 +327,7 @@ def report_deviation(options: Options) -> None:
         label = f"{panels} panels"
         ratios: list[float] = []
         outlines = []
-        repeats = rescans_fitted(scans, DEVIATION_RESCANS, DEVIATION_NOISE, Settings.of(panels), label)
+        repeats = rescans_fitted(scans, DEVIATION_RESCANS, DEVIATION_NOISE, shipped(panels), label)
         for scan, (_, fits) in zip(scans, repeats, strict=True):
             print(f"  {scan.name}, {label}: seen, predicted, predicted / seen")
             ratios += _print_deviations(fits)

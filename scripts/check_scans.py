@@ -27,28 +27,25 @@ import sys
 import tempfile
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from hydra import compose, initialize_config_module
-from hydra.utils import instantiate
 from scipy.spatial import KDTree
 
 from brafit.anatomy import proposed_landmarks
 from brafit.cloud import read_cloud
-from brafit.cup import StripsCup
 from brafit.cup.shape import CupShape
-from brafit.fitting import CupFit, Target, fit_targets
+from brafit.fitting import CupFit, Target
 from brafit.geometry.order import along_curve
 from brafit.geometry.polyline import evenly_spaced, polyline_length
+from brafit.geometry.rigid import laid_on
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_landmarks
 from brafit.report.uncovered import uncovered_share
 from brafit.run.fitting import target_of
+from brafit.run.recipe import recipe_of
 from brafit.scan import Scan, load_scan
-from brafit.settings.compose import register
 from brafit.simulation.synthetic import on_panels
 from brafit.surface.gaps import gaps
 from brafit.underwires.sizes import WireSize
@@ -65,11 +62,7 @@ def rms(values: np.ndarray) -> float:
 
 def fitted(targets: Sequence[Target], panels: int) -> list[CupFit]:
     """Fits with the settings as they are shipped."""
-    register()
-    with initialize_config_module(version_base="1.3", config_module="brafit.conf"):
-        config = compose("config", overrides=[f"cup.panels={panels}"])
-    cup = partial(StripsCup, **{key: value for key, value in config.cup.items() if not key.startswith("_")})
-    return fit_targets(targets, cup, instantiate(config.solver), instantiate(config.condition), restarts=RESTARTS)
+    return replace(recipe_of([f"cup.panels={panels}"]), restarts=RESTARTS).fit(targets)
 
 
 def drawn(points: np.ndarray, count: int = 2000) -> np.ndarray:
@@ -103,10 +96,8 @@ def patterns_apart(one: CupFit, other: CupFit) -> float:
     worst = 0.0
     for a, b in zip(one.panels, other.panels, strict=True):
         p, q = ([evenly_spaced(_in_space(edge), 1000) for edge in (panel.lower, panel.upper)] for panel in (a, b))
-        middle, aim = np.concatenate(p).mean(axis=0), np.concatenate(q).mean(axis=0)
-        turn = _turn(np.concatenate(p) - middle, np.concatenate(q) - aim)
-        for mine, its in zip(p, q, strict=True):
-            mine = (mine - middle) @ turn + aim
+        moved = np.split(laid_on(np.concatenate(p), np.concatenate(q)), 2)
+        for mine, its in zip(moved, q, strict=True):
             away = (_to_polyline(mine, its), _to_polyline(its, mine))
             worst = max(worst, *(float(distance.max()) for distance in away))
     return worst
@@ -114,12 +105,6 @@ def patterns_apart(one: CupFit, other: CupFit) -> float:
 
 def _in_space(edge: torch.Tensor) -> np.ndarray:
     return np.pad(edge.numpy(), ((0, 0), (0, 1)))
-
-
-def _turn(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """The rotation that brings centred p (n, 3) nearest to q, in the plane if both are flat."""
-    u, _, v = np.linalg.svd(p.T @ q)
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
 
 
 def _to_polyline(points: np.ndarray, line: np.ndarray) -> np.ndarray:
@@ -425,8 +410,7 @@ def _size(wire: np.ndarray) -> WireSize:
 def _flat(wire: np.ndarray) -> np.ndarray:
     """The wire of a wire's length and span, laid on it with as small distances as a rigid motion allows."""
     flat, even = np.pad(_size(wire).line(200), ((0, 0), (0, 1))), evenly_spaced(wire, 200)
-    p, q = flat - flat.mean(axis=0), even - even.mean(axis=0)
-    return p @ _turn(p, q) + even.mean(axis=0)
+    return laid_on(flat, even)
 
 
 def report_damaged(_: Path, root: Path) -> None:

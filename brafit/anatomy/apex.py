@@ -18,14 +18,14 @@ from brafit.surface.cleaning import averaged, tidy
 from brafit.surface.normals import Surface, settle, surface_of
 
 COARSE, DENSE = 6_000, 24_000
-"""Points about a breast that are looked at: for a first look, and for good."""
+"""Points about a breast that are used, at most: in the first, rough pass, and in the final one."""
 BREAST_OUT = (25.0, 160.0)
 """Distance of an apex from the mirror plane, mm."""
 AROUND, NEAR = (45.0, 5.0), 25.0
 """Distance (mm, give or take) of the ring over which an apex's height is measured, and of the points that say what is
 outwards."""
 CAP, ABOUT = 2.0, 35.0
-"""Height and radius (mm) of the cap that is looked at there."""
+"""Thickness of the cap of foremost points that an apex is the middle of, and the radius about it that is taken (mm)."""
 AREOLA, SCALE, CONVEX, LEAST = 10.0, 11.0, 0.03, 0.0005
 """About the foremost place: how wide convexity counts (mm, standard deviation), the radius (mm) it is measured in, from
 what on it counts, and as what every point counts, so that a flat place keeps to the middle."""
@@ -36,14 +36,22 @@ Each of 14 breasts by the others' rule: within 5.7 mm of the given point, 3.1 RM
 BELOW_SHOULDERS = 350.0
 """No apex lies farther below the shoulders, mm."""
 LEVELS = 60.0
-"""The apexes of both sides lie as high as each other to so many mm; of half a breast beside a whole one, 25."""
+"""Largest difference in height (mm) of the two apexes; with half a breast beside a whole one it was 25."""
 CELL, PROMINENCE = 6.0, 2.0
 """Steps of the height (mm) in which the foremost place is sought, and by how much (mm) it is before those above and
 below it."""
 
 
 def about(points: np.ndarray, place: np.ndarray, outward: np.ndarray, dense: int, radius: float = 190.0) -> Surface:
-    """The surface within a radius of a place, in the scan's frame; tidied, but for a first look (COARSE)."""
+    """The surface within a radius of a place, in the scan's frame; tidied, but for a first look (COARSE).
+
+    Args:
+        points: of the torso, (n, 3), mm.
+        place: the middle of what is taken.
+        outward: a direction out of the body there; normals are turned to its side.
+        dense: more points than this are averaged in voxels first; COARSE: without tidying.
+        radius: mm.
+    """
     near = points[np.linalg.norm(points - place, axis=1) < radius]
     if dense == COARSE and len(near) > MIN_POINTS:
         return surface_of(averaged(near, dense), outward)
@@ -58,6 +66,9 @@ def foremost(points: np.ndarray, body: Body, side: str, level: float | None = No
     """About where a breast sticks out farthest: the foremost place that has lower ones both above and below it.
 
     Args:
+        points: of the trunk, (n, 3), mm, in the scan's frame.
+        body: axes of the torso.
+        side: the wearer's `left` or `right`.
         level: its height, where that is known to LEVELS mm.
     """
     out, height = body.away(points, side), points @ body.up
@@ -85,7 +96,15 @@ def foremost(points: np.ndarray, body: Body, side: str, level: float | None = No
 def apex_on(
     points: np.ndarray, body: Body, side: str, dense: int = DENSE, level: float | None = None
 ) -> tuple[np.ndarray, Surface]:
-    """The bust point as the surface about it shows it: the middle of what is convex about the foremost place."""
+    """The bust point as the surface about it shows it: the middle of what is convex about the foremost place.
+
+    Args:
+        points: of the trunk, (n, 3), mm, in the scan's frame.
+        body: axes of the torso.
+        side: the wearer's `left` or `right`.
+        dense: as in `about`.
+        level: the breast's height, where that is known to LEVELS mm.
+    """
     direction = body.protruding(side)
     apex = foremost(points, body, side, level)
     surface = about(points, apex, body.front, dense)
@@ -115,6 +134,10 @@ def apex_on(
 def mound(surface: Surface, apex: Float[np.ndarray, "3"]) -> float:
     """How high (mm) a place lies over those about it, AROUND mm away from it: the mean of the sides, along the normal
     there. On a sphere of radius R, R - sqrt(R^2 - AROUND^2) and more; on a chest as round as a barrel 3 to 5.
+
+    Args:
+        surface: about the place, mm.
+        apex: the place, on the surface.
     """
     away = surface.points - apex
     distance = np.linalg.norm(away, axis=1)

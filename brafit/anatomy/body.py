@@ -13,9 +13,9 @@ from jaxtyping import Float
 from brafit.surface.symmetry import mirror_of
 
 LEAN = np.radians(6.5)
-"""The long axis of a standing trunk leans back by so much."""
+"""Angle by which the long axis of a standing trunk leans back."""
 LEVEL = np.radians(6.0)
-"""An axis of the scan that is so near to the vertical found is the vertical: scanners stand level."""
+"""An axis of the scan within this angle of the vertical that was found is taken for it: scanners stand level."""
 TRUNK = 40.0
 """Half width (mm) of the strip about the mirror plane that holds no arm."""
 PROTRUDING = np.array([0.42, 0.09, 0.90])
@@ -62,6 +62,12 @@ def body_from_marks(
     the middle between them, and one that leads out of the chest.
 
     The cup's mean axes (`BREAST_AXES`) are turned back into the body's.
+
+    Args:
+        ends: inner and outer end of the wire.
+        below: a direction downwards from the middle between them.
+        front: a direction out of the chest.
+        side: the wearer's `left` or `right`.
     """
     y = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     z = front - (front @ y) * y

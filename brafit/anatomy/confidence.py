@@ -23,26 +23,46 @@ from brafit.surface.normals import Surface
 
 @dataclass(frozen=True)
 class Bound:
-    """Between which values a piece of evidence says nothing against marks, and beyond which they are impossible.
+    """Which values of a measure are usual, and which are possible.
 
     Attributes:
-        says: the evidence in words, with `{value}`.
-        usual, possible: least and largest value.
+        says: what is said of another value, with `{value}` and maybe `{side}`.
+        usual, possible: least and largest value. What is not usual is warned of, what is not possible is refused.
+        remedy: what helps; empty where the sentence goes on.
     """
 
     says: str
     usual: tuple[float, float]
     possible: tuple[float, float] = (-np.inf, np.inf)
+    remedy: str = ""
+
+    def is_usual(self, value: float) -> bool:
+        """Whether the value needs no warning; nan does."""
+        return bool(self.usual[0] <= value <= self.usual[1])
+
+    def is_possible(self, value: float) -> bool:
+        """Whether the value need not be refused; nan is."""
+        return bool(self.possible[0] <= value <= self.possible[1])
 
     def confidence(self, value: float) -> float:
         """1 within the usual, falling to 0 where it becomes impossible; outside the usual never more than 0.9."""
-        if self.usual[0] <= value <= self.usual[1]:
+        if self.is_usual(value):
             return 1.0
         k = 0 if value < self.usual[0] else 1
         wide = abs(self.possible[k] - self.usual[k])
         if not np.isfinite(wide):
             return 0.5
         return float(np.clip(1 - abs(value - self.usual[k]) / wide, 0.0, 0.9))
+
+    def sentence(self, shown: str, side: str = "") -> str:
+        """What is said of a value, with the remedy if there is one.
+
+        Args:
+            shown: the value with its unit.
+            side: of the breast.
+        """
+        cause = self.says.format(value=shown, side=side)
+        return f"{cause}; {self.remedy}" if self.remedy else cause
 
 
 SHARES = ("guessed", "crease")
@@ -126,13 +146,21 @@ class Confidence:
     def _said(self, key: str) -> str:
         value = self.evidence[key]
         shown = f"{100 * value:.0f} %" if key in SHARES else f"{value:.0f} mm"
-        return BOUNDS[key].says.format(value=shown, side=self.side)
+        return BOUNDS[key].sentence(shown, self.side)
 
 
 def evidence(
     surface: Surface, body: Body, side: str, apex: Float[np.ndarray, "3"], wire: Float[np.ndarray, "k 3"]
 ) -> dict[str, float]:
-    """What the surface about a breast says of its apex and wire (inner end first), all in the scan's frame, mm."""
+    """What the surface about a breast says of its apex and wire (inner end first), all in the scan's frame, mm.
+
+    Args:
+        surface: about the breast, with outward normals.
+        body: axes of the torso.
+        side: the wearer's `left` or `right`.
+        apex: the bust point.
+        wire: inner end first.
+    """
     off = np.asarray(surface.tree.query(wire)[0])
     apex_out, inner_out = body.away(np.stack([apex, wire[0]]), side)
     return {
@@ -153,7 +181,13 @@ def compared(
     apexes: Mapping[str, Float[np.ndarray, "3"]],
     wires: Mapping[str, Float[np.ndarray, "k 3"]],
 ) -> dict[str, float]:
-    """How the two sides agree."""
+    """How the two sides agree.
+
+    Args:
+        body: axes of the torso, with its plane of symmetry.
+        apexes: bust points by side, mm.
+        wires: wire lines by side, inner ends first, mm.
+    """
     left = body.left
 
     def image(points: np.ndarray) -> np.ndarray:
@@ -171,6 +205,7 @@ def refusal(path: Path, found: Sequence[Confidence], how: str = "proposed") -> I
     """The error of marks that are impossible.
 
     Args:
+        path: the cloud's file, which the error names.
         found: of all sides that there are marks of, each with faults.
         how: where the marks are from, `proposed` or `mirrored`.
     """
@@ -203,6 +238,7 @@ def doubt(found: Confidence, how: str = "proposed") -> str:
     """The warning of marks that are unusual, in one line; empty where they are not.
 
     Args:
+        found: what speaks for the marks of one breast.
         how: where the marks are from, `proposed` or `mirrored`.
     """
     if not found.doubts:

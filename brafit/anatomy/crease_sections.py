@@ -30,9 +30,9 @@ averaging fills it and the sheets are prolonged until they meet."""
 ANGLES = np.radians(np.arange(-125.0, 126.0, 3.5))
 """Where the line is known, round its circle's centre, from the bottom towards the outer end."""
 STIFFNESS, TOWARDS = 30.0, 0.0005
-"""Of the smoothing along the line, and with what weight it is drawn to the circle."""
+"""Weights in `rim`: of the smoothness along the line, and of its distance from the circle."""
 STRAY = 2.5
-"""A place so far (mm) from the line counts a quarter."""
+"""At this distance (mm) from the line a place has a quarter of its weight."""
 RADIUS = (69.0, 8.0)
 """Radius of the circle that fits a wire, mm: mean and spread of 14."""
 LEVEL = 30.0
@@ -45,6 +45,8 @@ def folds(
     """The bottom of the crease near each place of a line that runs along it.
 
     Args:
+        surface: with outward normals, mm.
+        line: about where the crease runs, within `window` of it.
         window: how far it is sought to either side, mm.
 
     Returns:
@@ -153,8 +155,10 @@ def rim(
     weight. Beyond the places the line goes on as it was, seen from the circle's centre.
 
     Args:
-        held: so many of the last places keep their weight.
-        flat: with what weight the line is drawn to the plane.
+        places: seen from in front: z towards the viewer.
+        weights: how far each place is trusted.
+        held: the last `held` places keep their full weight.
+        flat: weight of the line's distance from the plane.
     """
     trust = np.ones(len(places))
     line = places
@@ -212,7 +216,14 @@ def _circle(places: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float]:
 def smoothed(
     values: Float[np.ndarray, " n"], weight: Float[np.ndarray, " n"], stiffness: float, towards: float
 ) -> Float[np.ndarray, " n"]:
-    """Whittaker's smoother: near the weighted values, second differences small, weakly drawn `towards` zero."""
+    """Whittaker's smoother: near the weighted values, second differences small, weakly drawn `towards` zero.
+
+    Args:
+        values: evenly spaced.
+        weight: of each value, 0 for one that is not known.
+        stiffness: weight of the squared second differences.
+        towards: weight of the squared values themselves.
+    """
     second = np.diff(np.eye(len(values)), 2, axis=0)
     system = np.diag(weight + towards) + stiffness * second.T @ second
     return np.linalg.solve(system, weight * values)

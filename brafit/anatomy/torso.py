@@ -37,9 +37,9 @@ ARM = 12.0
 OF_WIRES = ("wire", "guessed", "inner_out", "outer_back")
 """Evidence that is of a wire's shape alone."""
 WHOLE = 60_000
-"""Points of a body that are looked at."""
+"""Points of a body that are used, at most."""
 GLANCE = 3
-"""For the first look every so many points are enough."""
+"""The first, rough pass uses every third point."""
 TORSO_SIZE = 450.0
 """Least diagonal (mm) of a torso's box."""
 GORE = 20.0
@@ -55,7 +55,7 @@ NECK = 0.0006
 BODY_SIZE = 1100.0
 """Least diagonal (mm) of a body with legs."""
 TRUNK_BELOW, TRUNK_ABOVE, TRUNK_WIDTH = 600.0, 150.0, 300.0
-"""What is looked at of it: from so far below the shoulders to so far above them, so far to either side (mm)."""
+"""The part of it that is used as the trunk (mm): down from the shoulders, up from them, and to either side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +81,10 @@ class _Breast:
 def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Landmarks]:
     """The landmarks of those breasts of a torso (mm) that there are, see `proposals`.
 
+    Args:
+        path: the cloud's file; errors name it, and the landmarks' path is beside it.
+        points: of the whole torso, in the scan's frame.
+
     Raises:
         InputError: it is no torso, or no breast was found.
     """
@@ -94,6 +98,10 @@ def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Lan
 def proposals(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Proposal]:
     """Landmarks of both sides of a standing torso (mm), marked as proposed: apex, wire and its ends, strap point, upper
     line. Where there is no breast they are proposed as well, and their confidence says so.
+
+    Args:
+        path: the cloud's file; errors name it, and the landmarks' path is beside it.
+        points: of the whole torso, in the scan's frame.
 
     Raises:
         InputError: it is no torso.
@@ -131,6 +139,7 @@ def judged(points: Float[np.ndarray, "n 3"], marks: Landmarks, mirror: Mirror, *
 
     Args:
         points: of the scan, mm.
+        marks: of one breast.
         mirror: the body's plane of symmetry.
         looked_at: somebody made them on the other breast, so that the wire itself is not in doubt.
     """
@@ -163,8 +172,8 @@ def body_of(points: Float[np.ndarray, "n 3"]) -> Body:
 
 
 def body_and_trunk(points: Float[np.ndarray, "n 3"]) -> tuple[Body, Float[np.ndarray, "m 3"]]:
-    """The same, and the points of its trunk, thinned and without strays. Of a body with legs, the trunk is looked at
-    alone, with all the points that it has.
+    """The same, and the points of its trunk, thinned and without strays. Of a body with legs the trunk alone is used,
+    with all the points that it has.
     """
     sketch = _sketch(points)
     body = _best(sketch)
@@ -205,7 +214,9 @@ def _rise(body: Body, side: str, apex: np.ndarray, surface: Surface) -> float:
 
 
 def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
-    """Less, the hollower it is above the breast instead of below it: mean concavity there, negative."""
+    """Minus the mean positive concavity 40 to 90 mm above the apex; -1 without points there. It lowers the score of a
+    body that is taken upside down, whose crease lies above the breast.
+    """
     away = surface.points - apex
     above = (away @ body.up > 40) & (away @ body.up < 90) & (np.abs(away @ body.left) < 40)
     return -float(np.clip(concavity(surface, 14.0, np.flatnonzero(above)), 0, None).mean()) if above.any() else -1.0
@@ -264,7 +275,15 @@ def wire_about(
     apex: Float[np.ndarray, "3"],
     ends: Float[np.ndarray, "2 3"] | None = None,
 ) -> Wire:
-    """The wire found in the crease of the breast with this apex (scan's frame, mm)."""
+    """The wire found in the crease of the breast with this apex (scan's frame, mm).
+
+    Args:
+        points: of the torso or the breast.
+        body: axes of the torso.
+        side: the wearer's `left` or `right`.
+        apex: the bust point.
+        ends: inner and outer end where they are marked; the wire keeps them.
+    """
     return _wire(about(points, apex, body.front, DENSE), apex, body, side, ends)
 
 
@@ -276,7 +295,16 @@ def wire_laid(
     arc: Float[np.ndarray, "k 2"],
     ends: Float[np.ndarray, "2 3"] | None = None,
 ) -> Wire:
-    """A rigid planar wire (depth below its chord, place along it) laid best under this apex (scan's frame, mm)."""
+    """A rigid planar wire (depth below its chord, place along it) laid best under this apex (scan's frame, mm).
+
+    Args:
+        points: of the torso or the breast.
+        body: axes of the torso.
+        side: the wearer's `left` or `right`.
+        apex: the bust point.
+        arc: the wire in its plane, inner end first.
+        ends: inner and outer end where they are marked; the wire is laid near them.
+    """
     surface, axes = about(points, apex, body.front, DENSE), body.breast_axes(side)
     found = laid(_in_breast_frame(surface, apex, body, side), arc, None if ends is None else (ends - apex) @ axes.T)
     return Wire(found.wire @ axes + apex, found.guessed, found.hollow)

@@ -17,6 +17,7 @@ from scipy.spatial import KDTree
 
 from brafit.anatomy.crease_sections import folds, rim, smoothed
 from brafit.geometry.polyline import evenly_spaced, polyline_length
+from brafit.geometry.rigid import laid_on
 from brafit.surface.normals import Surface, settle
 from brafit.surface.simplex import minimised
 
@@ -53,7 +54,7 @@ LONGEST, FARTHEST, ASHORE, WIDEST, UNSHOWN = 310.0, 60.0, 12.0, 165.0, 0.3
 placing, or a fifth of it is ASHORE mm from the surface, or its ends are WIDEST mm apart (13 of 14: 127 to 155) though
 more than the share UNSHOWN of it shows no crease."""
 FLAT = 0.02
-"""With what weight the line between ends that are given is drawn to their plane, where no crease shows."""
+"""Where no crease shows and the ends are given: weight of the line's distance from the ends' plane."""
 ASTRAY = 5.0
 """A place of a rigid wire farther (mm) than this from the crease does not lie in it."""
 FITTINGS = 20
@@ -62,15 +63,15 @@ OFF, BESIDE = 20.0, 5.0
 """A line farther than OFF mm from the surface is not laid on it, nor one that would lie more than BESIDE mm from any
 point, over a hole."""
 PRIOR = 0.006
-"""What one squared spread off the usual costs, in units of concavity."""
+"""Penalty for each squared standard deviation from the usual wire, in units of concavity."""
 SCALE = 11.0
 """Radius in which hollowness is measured, mm."""
 STARTS, REFINED = 3000, 6
-"""Places at which a wire's usual shape is tried, and the best of them that are looked at further."""
+"""Places at which a wire's usual shape is tried, and how many of the best of them are refined."""
 HOLLOW = 0.03
 """Least concavity that counts as a crease."""
 DEEPEST = 0.15
-"""More concavity than this says nothing more."""
+"""Concavity is clipped here: a deeper crease is no stronger evidence."""
 STIFF = 30.0
 """Of the smoothing of heights along a line that is laid on the surface."""
 PIXEL, HALF = 2.0, 170.0
@@ -146,6 +147,9 @@ def _settled(surface: Surface, start: np.ndarray, ends: np.ndarray | None, first
     """The line drawn from where it was first placed to the bottom of the crease, and cut off at its ends.
 
     Args:
+        surface: in the breast's frame, its apex in the origin.
+        start: the first placing of the line.
+        ends: marked ends that the line keeps; None: it ends where the crease does.
         first: weight of the first placing.
     """
     line = start
@@ -171,7 +175,7 @@ def plainness(surface: Surface) -> float:
 
 
 def _hollow(surface: Surface) -> tuple[Surface, np.ndarray]:
-    """The part of a surface that is looked at, and its concavity."""
+    """The part of a surface in which a wire is sought, and its concavity."""
     near = np.linalg.norm(surface.points, axis=1) < HALF
     surface = Surface(surface.points[near], surface.normals[near], surface.spacing)
     return surface, concavity(surface, max(SCALE, 4 * surface.spacing))
@@ -193,22 +197,15 @@ def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray
     found = trace(surface, ends)
     crease, flat = evenly_spaced(found.wire, 500), np.column_stack([arc, np.zeros(len(arc))])
     tree = KDTree(crease)
-    placed = _rigid(flat, evenly_spaced(found.wire, len(arc)))
+    placed = laid_on(flat, evenly_spaced(found.wire, len(arc)))
     for _ in range(FITTINGS):
         near = np.asarray(tree.query(placed)[1])
         within = (near > 0) & (near < len(crease) - 1)
         if within.sum() < len(arc) / 2:
             break
-        placed = _rigid(flat, crease[near], within)
+        placed = laid_on(flat, crease[near], within)
     within = np.asarray(tree.query(placed)[0]) <= ASTRAY
     return Wire(placed, float(1 - (1 - found.guessed) * within.mean()), found.hollow)
-
-
-def _rigid(points: np.ndarray, aims: np.ndarray, used: np.ndarray | slice = slice(None)) -> np.ndarray:
-    """Points moved rigidly so that those used come nearest to their aims (least squares, Kabsch)."""
-    middle, aim = points[used].mean(axis=0), aims[used].mean(axis=0)
-    u, _, v = np.linalg.svd((points[used] - middle).T @ (aims[used] - aim))
-    return (points - middle) @ u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v + aim
 
 
 def _legs(surface: Surface, line: np.ndarray) -> np.ndarray:
@@ -241,6 +238,8 @@ def concavity(surface: Surface, radius: float, chosen: Int[np.ndarray, " m"] | N
     R, positive in a crease; up to about 0.3 in a narrow one.
 
     Args:
+        surface: with outward normals.
+        radius: in the unit of the surface, mm.
         chosen: indices of the points that it is wanted at; None: all.
     """
     at = surface.tree if chosen is None else KDTree(surface.points[chosen])

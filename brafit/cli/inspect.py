@@ -62,9 +62,12 @@ def inspect_scan(
     """Inspect one scan, write its picture and its landmark file; gives a line that says what was found.
 
     Args:
+        path: the cloud's file.
+        name: what picture and landmark file are called.
         out: folder for NAME_SIDE.png and NAME.json.
         side: `left`, `right` or `both`; None: what its landmark file marks, both where there is none.
-        units, wire: as of `load_scan`.
+        units: of the files, as `load_scan` takes it.
+        wire: as marked (None), `detect`, or a size, as `load_scan` takes it.
         beside: write a landmark file beside a scan that has none.
 
     Raises:

@@ -20,7 +20,7 @@ POINT_KEYS = ("positions", "points", "xyz", "vertices")
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """Columns `positions` and, where there are such, `normals` and `inside`; `image` if the points are pixels.
 
-    A plain array has a row for each point: x, y, z, and maybe more, which is not looked at; it may also be an image of
+    A plain array has a row for each point: x, y, z, and maybe more, which is ignored; it may also be an image of
     h x w such pixels. A structured one has fields x, y, z. An .npz may name arrays `normals` and `inside` beside the
     positions. Case does not count in names.
 

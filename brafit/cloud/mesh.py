@@ -37,6 +37,7 @@ def read_mesh(path: Path, count: int) -> dict[str, np.ndarray]:
     """Points of a mesh file.
 
     Args:
+        path: the extension says how it is read, see `READERS`.
         count: points to sample on its faces; a file without faces gives its vertices and what it says of each.
 
     Returns:
@@ -68,6 +69,11 @@ def sample_faces(
 
     Every face gets its share to within one point (equal steps along the running sum of areas). Within the faces the
     points follow Roberts' R2 sequence, folded from the unit square into the triangle.
+
+    Args:
+        vertices: positions, in any unit.
+        faces: corners of triangles, as rows of `vertices`.
+        count: as many points as this.
 
     Raises:
         ValueError: the faces have no area.

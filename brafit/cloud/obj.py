@@ -88,6 +88,9 @@ def _faces(
     """Corners, counted from 0, of one polygon after another, and how many each polygon has.
 
     Args:
+        words: of the file.
+        heads: the word `f` of each face.
+        sizes: how many corners each face has.
         before: vertices that stand before each face.
         count: vertices in all.
     """

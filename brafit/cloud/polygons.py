@@ -36,6 +36,7 @@ def filled(
     Polygons of fewer than three corners have no area and give none.
 
     Args:
+        vertices: positions, in any unit.
         corners: the vertices of the polygons, one polygon after another.
         sizes: how many corners each polygon has.
 

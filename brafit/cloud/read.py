@@ -76,6 +76,7 @@ def read_cloud(
     """Read a scan (`FORMATS`), in float64.
 
     Args:
+        path: the file; its extension says how it is read.
         seconds: time limit of the reader.
         mesh_points: points to sample on a mesh.
         apart: read in a process of its own, so that a file that crashes or stalls a reader costs no more than itself.

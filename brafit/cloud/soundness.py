@@ -10,13 +10,13 @@ from brafit.cloud.refusal import RefusedError
 USED = 0.5
 """Least share of the vertices that the faces use."""
 REPEATED = 2
-"""So many vertices in a row that stand in a file twice are a sign."""
+"""Vertices in a row that a file has twice, from which on lines were doubled."""
 BACK, FOLDED = -0.7, 0.1
 """Cosine between the normals of faces that share a side below which the surface turns back there; largest share of such
 sides, each counted by the area of its faces."""
 FAR, STRAY = 10.0, 0.02
-"""A side of so many times the usual length about its ends reaches far; largest share of the area in faces that join
-vertices far apart and hang on one other face, or on none."""
+"""A side reaches far if it is FAR times as long as is usual about its ends; largest share of the area in faces that
+join vertices far apart and hang on one other face, or on none."""
 
 
 def check_uncounted(vertices: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) -> None:
@@ -78,8 +78,11 @@ def _folded(normals: np.ndarray, area: np.ndarray, rising: np.ndarray, one: np.n
     """Share of the sides between two faces at which the surface turns back, by the area of these faces.
 
     Args:
+        normals: of the faces, as long as their areas are large.
+        area: of the faces.
         rising: which way each face runs along each of its sides; two faces turned alike run along theirs both ways.
-        one, other: sides (three a face) of two faces that are the same.
+        one: sides (three a face) that another face has too.
+        other: of the other face, in the same order.
     """
     left, right = one // 3, other // 3
     cosine = np.einsum("ij,ij->i", normals[left], normals[right])

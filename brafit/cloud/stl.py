@@ -18,7 +18,7 @@ _TEXT = "facet normal ? ? ? outer loop vertex ? ? ? vertex ? ? ? vertex ? ? ? en
 _FACET = _TEXT.split()
 _CORNERS = np.array([8, 9, 10, 12, 13, 14, 16, 17, 18])
 TAIL = 20
-"""So many last triangles, or a twentieth of all, must be joined to others where bytes follow them."""
+"""Where bytes follow the triangles, the last TAIL of these, or a twentieth of all, must be joined to others."""
 
 
 def read_stl(path: Path) -> Mesh:

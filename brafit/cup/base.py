@@ -15,7 +15,7 @@ from brafit.cup.condition import Gaps
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, Lines, Wire
 from brafit.geometry.development import FlatPanel
-from brafit.geometry.nearest import sample_table
+from brafit.geometry.panels import sample_table
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Linearised:
 
     Attributes:
         shape: the cups at the stations that solvers work with, see `Cup.sketch`.
-        table: derivatives of `brafit.geometry.nearest.sample_table` of the shape.
+        table: derivatives of `brafit.geometry.panels.sample_table` of the shape.
         margin, margin_columns: regularity margin of every panel at every station, and its derivatives.
         unfairness, unfairness_columns: `Cup.unfairness` and its derivatives.
         constraints: derivatives of `Cup.constraints`.
@@ -50,6 +50,11 @@ def derivatives(
 ) -> tuple[Tensor, ...]:
     """Derivatives of a batched function by each of the parameters, or by some, forward mode: (columns, *output) for
     each output.
+
+    Args:
+        function: from parameters (batch, size) to tensors whose item k depends on row k alone.
+        at: the parameters.
+        columns: the parameters by which; None: all.
     """
     directions = torch.eye(at.shape[1], dtype=at.dtype, device=at.device)
     directions = directions if columns is None else directions[columns]
@@ -69,6 +74,9 @@ class Cup(nn.Module, ABC):
         wire: the wire lines of B cups: a `Wire`, or what `Wire.of` takes, in millimetres in the cup frame.
         panels: number of panels.
         stations: samples along the wire.
+
+    Raises:
+        ValueError: no panel, fewer than 9 stations, or points that make no wire.
     """
 
     corner_place = -1
@@ -110,6 +118,10 @@ class Cup(nn.Module, ABC):
 
         The upper edge of panel i is to run near the plane through the wire's chord that is turned by angles[i]
         radians from +x (down) over +z (out), and reach out as far as reaches[i] from the chord.
+
+        Args:
+            angles: for each panel's upper edge, radians.
+            reaches: likewise, solver units.
         """
 
     @abstractmethod
@@ -154,7 +166,9 @@ class Cup(nn.Module, ABC):
         return None
 
     def sketch(self, flat: Float[Tensor, "batch size"]) -> CupShape:
-        """The cups at the stations that solvers work with: those of the output, unless fewer will do."""
+        """The cups at the stations that solvers work with, which may be fewer than those of `shape_of`; by default they
+        are the same.
+        """
         return self.shape_of(flat)
 
     def columns(self, terms: int | None = None) -> Int[Tensor, " columns"]:
@@ -166,7 +180,13 @@ class Cup(nn.Module, ABC):
     def corner_gap(
         self, flat: Float[Tensor, "batch size"], shape: CupShape, points: Float[Tensor, "batch 3"]
     ) -> Gaps | None:
-        """From points to the upper edge's corner; None for models without one."""
+        """From points to the upper edge's corner; None for models without one.
+
+        Args:
+            flat: parameters of the cups.
+            shape: the cups at the solver's stations.
+            points: one a cup, solver units.
+        """
         return None
 
     def place_corner(
@@ -174,6 +194,11 @@ class Cup(nn.Module, ABC):
     ) -> Float[Tensor, "batch size"]:
         """The parameters with the upper edge's corner, if the model has one, brought near the strap points that are
         given.
+
+        Args:
+            flat: parameters of the cups.
+            points: strap points, solver units.
+            given: for which cups there is one.
         """
         return flat
 
@@ -187,7 +212,12 @@ class Cup(nn.Module, ABC):
 
     @torch.no_grad()
     def linearise(self, flat: Float[Tensor, "batch size"], terms: int | None = None) -> Linearised:
-        """The cups and their derivatives by the parameters that are free with this many terms (all by default)."""
+        """The cups and their derivatives by the parameters that are free with this many terms (all by default).
+
+        Args:
+            flat: parameters of the cups.
+            terms: free terms of the series; None: all.
+        """
         columns = self.columns(terms)
         shape = self.sketch(flat)
         names = list(self.constraints(shape))

@@ -1,4 +1,6 @@
-"""Geometric conditions on cups, as residuals that a fit drives to zero, in solver units."""
+"""Geometric conditions on cups, as residuals that a fit drives to zero, in solver units: (60), (67) of
+docs/formulation.md.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,10 @@ from torch import Tensor
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, unit
+from brafit.geometry.hermite import hermite, hermite_slope
 from brafit.geometry.moving import slid
-from brafit.geometry.nearest import gather_rows, hermite, hermite_slope, nearest_on_curve, weighted
+from brafit.geometry.nearest import nearest_on_curve
+from brafit.geometry.panels import gather_rows, weighted
 
 Points = Float[Tensor, "batch m 3"]
 
@@ -20,7 +24,12 @@ Points = Float[Tensor, "batch m 3"]
 def nearest_on_polyline(
     points: Points, line: Float[Tensor, "batch k 3"]
 ) -> tuple[Int[Tensor, "batch m"], Float[Tensor, "batch m"]]:
-    """Nearest segment of a polyline and the place on it in [0, 1], for every point."""
+    """Nearest segment of a polyline and the place on it in [0, 1], for every point.
+
+    Args:
+        points: any number a batch item.
+        line: corners of the polyline; repeated ones do no harm.
+    """
     start, step = line[:, :-1], line[:, 1:] - line[:, :-1]
     square = dot(step, step).clamp_min(1e-30)[:, None]
     # (p - start) . step and |p - start|^2 without |p|^2, which does not depend on the segment
@@ -47,10 +56,11 @@ class Gaps:
 
     Attributes:
         vectors: the gaps, differentiable in the samples.
-        index: rows of `brafit.geometry.nearest.sample_table`.
+        index: rows of `brafit.geometry.panels.sample_table`.
         weight: their weights.
         sliding: unit vectors, or 0 where nothing slides.
-        own: derivatives of the gaps by the last so many parameters, which the weights depend on; None: none.
+        own: derivatives of the gaps by the parameters on which the weights depend, the last ones of all; None: there
+            are none.
     """
 
     vectors: Points
@@ -87,7 +97,13 @@ class Gaps:
 
 
 def gaps_to_line(shape: CupShape, edge: int, line: Float[Tensor, "batch k 3"]) -> Gaps:
-    """From a polyline to every sample of an edge."""
+    """From a polyline to every sample of an edge.
+
+    Args:
+        shape: the cups.
+        edge: which edge, 0 the wire, -1 the upper edge.
+        line: a polyline for each cup, in the unit of the shape.
+    """
     points = shape.edges[:, edge]
     with torch.no_grad():
         segment, place = nearest_on_polyline(points, line)
@@ -108,6 +124,12 @@ def gaps_to_line(shape: CupShape, edge: int, line: Float[Tensor, "batch k 3"]) -
 def gaps_to_sheet(shape: CupShape, edge: int, sheet: Points, normals: Points) -> Gaps:
     """From the nearest of a surface's points to every sample of an edge, across the surface's normal there: what is
     left where the edge has gone beyond the surface's end.
+
+    Args:
+        shape: the cups.
+        edge: which edge, 0 the wire, -1 the upper edge.
+        sheet: points of a surface for each cup, in the unit of the shape.
+        normals: unit normals at these points, to either side.
     """
     points = shape.edges[:, edge]
     with torch.no_grad():
@@ -127,6 +149,12 @@ def gaps_to_points(shape: CupShape, edge: int, points: Points, moving: bool = Fa
 
     With `moving`, the nearest points move along the edge as it and the points do: the gaps' squared lengths, whose
     first derivatives are right anyhow, are so in their second ones as well.
+
+    Args:
+        shape: the cups.
+        edge: which edge, 0 the wire, -1 the upper edge.
+        points: for each cup, in the unit of the shape.
+        moving: whether second derivatives are wanted.
     """
     line, tangents, stations = shape.edges[:, edge], shape.tangents[:, edge], shape.stations
     n = line.shape[1]
@@ -162,5 +190,10 @@ def station_weights(stations: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
 def shortfall(margin: Tensor, bound: float, width: float) -> Tensor:
     """Smooth barrier: about bound - margin where the regularity margin is below its bound, fading to 0 over `width`
     above it.
+
+    Args:
+        margin: regularity margins, see `CupShape.margin`.
+        bound: where the barrier is to hold them.
+        width: over which the barrier fades.
     """
     return width * torch.nn.functional.softplus((bound - margin) / width)

@@ -27,7 +27,13 @@ CORNER_REACH = 0.8
 def cornered(
     logs: Sequence[Float[Tensor, "batch n"]], corner: Float[Tensor, "batch 2"], x: Float[Tensor, " n"]
 ) -> tuple[Tensor, ...]:
-    """A log length and its two derivatives by s with the corner's term."""
+    """A log length and its two derivatives by s with the corner's term.
+
+    Args:
+        logs: values, first and second derivatives by s at the places x.
+        corner: height and place.
+        x: places along the wire, in [-1, 1].
+    """
     extra = corner_columns(corner, x)
     return tuple(log + corner[:, :1] * columns[..., 0] for log, columns in zip(logs, extra, strict=True))
 
@@ -71,7 +77,10 @@ def corner_gap(
     smoothly, so that they are interpolated between the nodes x.
 
     Args:
+        corner: height and place, x in [-1, 1].
         shape: the cups at the nodes.
+        points: one a cup, solver units.
+        x: the nodes, in [-1, 1].
         analysis: values at the nodes -> Chebyshev coefficients.
     """
     n, last = len(x), shape.panels

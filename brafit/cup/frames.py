@@ -1,4 +1,5 @@
-"""Cup model A, "frames": the paper's. Ridge and upper line are curves drawn by moving frames, (32), (44)-(52).
+"""Cup model A, "frames": the paper's. Ridge and upper line are curves drawn by moving frames, (32), (44)-(52) of
+docs/formulation.md.
 
 The panels between the edges are ruled by joining equal s; they are developable only where det(zeta_a, zeta_b, g) = 0,
 and the edges end in the wire's end only where (38), (39) hold: both are conditions of the fit (`ends`, `twist`).

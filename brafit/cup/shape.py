@@ -1,4 +1,7 @@
-"""The face that every cup model shows: edges and the rulings between them."""
+"""The face that every cup model shows: edges and the rulings between them.
+
+Numbers in parentheses are equations of docs/formulation.md.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,8 @@ from torch import Tensor
 
 from brafit.geometry.developable import dot, regularity, rib_angle
 from brafit.geometry.development import FlatPanel, develop
-from brafit.geometry.nearest import project, surface_points
+from brafit.geometry.nearest import project
+from brafit.geometry.panels import surface_points
 
 
 @dataclass(frozen=True)

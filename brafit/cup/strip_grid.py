@@ -42,7 +42,7 @@ class StripGrid(nn.Module):
 
     @staticmethod
     def of(wire: Wire, terms: int, nodes: int) -> "StripGrid":
-        """The grid of so many nodes on these wires."""
+        """The grid of `nodes` nodes on these wires, with bases of `terms` Chebyshev polynomials."""
         some, operators = wire.coefficients, Nodes.of(nodes, LENGTH)
         x = 2 * operators.s / LENGTH - 1
         arrays = {
@@ -74,6 +74,11 @@ class StripGrid(nn.Module):
 
 
 def chebyshev_bases(terms: int, x: Float[Tensor, " n"]) -> tuple[Float[Tensor, "terms n"], ...]:
-    """Chebyshev polynomials at x in [-1, 1], and their first and second derivatives by s."""
+    """Chebyshev polynomials at x in [-1, 1], and their first and second derivatives by s.
+
+    Args:
+        terms: how many polynomials.
+        x: places in [-1, 1].
+    """
     points = x.cpu().double().numpy()
     return tuple(like(chebyshev_synthesis(terms, points, k).T * (2 / LENGTH) ** k, x) for k in range(3))

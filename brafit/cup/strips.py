@@ -80,6 +80,9 @@ class StripsCup(Cup):
         length (B, panels, terms): series of log(t / (1 - x^2)), t the ruling length, x in [-1, 1] along the wire.
         corner (B, 2): c and x0 of the term c |x - x0| (rounded off) in the last panel's log length: the upper edge may
             have one corner.
+
+    Raises:
+        ValueError: no panel, fewer than 9 stations, no term, or fewer nodes than twice the terms.
     """
 
     exact = True

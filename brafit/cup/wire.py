@@ -1,4 +1,4 @@
-"""The wire line: the curve that the cup starts from.
+"""The wire line: the curve that the cup starts from. Numbers in parentheses: docs/formulation.md.
 
 Every wire is held as Chebyshev series of its position by arc length, divided by length / pi, so that in these solver
 units each wire of a batch has s in [0, pi]. A half-circle wire has radius 1.
@@ -69,7 +69,12 @@ class Wire(nn.Module):
         return self.scale * LENGTH
 
     def sample(self, s: Float[Tensor, " n"], derivative: int = 0) -> Float[Tensor, "batch n 3"]:
-        """Positions at arc lengths s in [0, pi], or their derivatives by s; solver units."""
+        """Positions at arc lengths s in [0, pi], or their derivatives by s; solver units.
+
+        Args:
+            s: in solver units.
+            derivative: order of the derivative by s; 0: positions.
+        """
         x = (2 * s.detach().cpu().double().numpy() / LENGTH - 1).clip(-1, 1)
         matrix = torch.from_numpy(chebyshev_synthesis(self.coefficients.shape[1], x, derivative))
         matrix = matrix.to(self.coefficients) * (2 / LENGTH) ** derivative
@@ -116,10 +121,13 @@ class Wire(nn.Module):
 
     @staticmethod
     def from_omega(omega: Sequence[float], length: float, frame: Sequence[Sequence[float]] = _CUP_FRAME) -> "Wire":
-        """Wire of constant rates omega (3) per unit length, (53): a circular arc or a helix, from the origin.
+        """Wire of constant rates omega, three numbers per unit length, (53): an arc or a helix, from the origin.
 
-        `frame` is the initial frame with columns (xi, eta, zeta); by default zeta = +x, xi = +y, eta = +z, which
-        makes (0, 1/R, 0) of length pi R the half circle of radius R in z = 0, x >= 0.
+        Args:
+            omega: omega_xi, omega_eta, omega_zeta, per unit of length.
+            length: of the wire, in the same unit.
+            frame: the first frame, columns xi, eta, zeta. By default zeta = +x, xi = +y, eta = +z, which makes (0, 1/R,
+                0) of length pi R the half circle of radius R in z = 0, x >= 0.
 
         Raises:
             ValueError: length not positive.
@@ -136,6 +144,10 @@ class Wire(nn.Module):
     @staticmethod
     def from_arc(radius: float, length: float) -> "Wire":
         """Planar circular arc in the cup frame: z = 0, chord along +y, bulging to +x.
+
+        Args:
+            radius: of the circle, in any unit.
+            length: of the arc, in the same unit; less than the full circle's.
 
         Raises:
             ValueError: not positive, or longer than the full circle.
@@ -154,8 +166,11 @@ class Wire(nn.Module):
     def from_polyline(points: Float[np.ndarray, "k 3"], smoothing: float = SMOOTHING) -> "Wire":
         """Smooth wire through a polyline whose ends are kept.
 
-        `smoothing` is that of `brafit.geometry.smoothing.smooth_series`, in solver units. `self.smoothing` reports the
-        largest distance of the given points from the result.
+        The wire's `smoothing` is the largest distance of the given points from it.
+
+        Args:
+            points: inner end first, in the cup frame; repeated ones count once.
+            smoothing: of `brafit.geometry.smoothing.smooth_series`, in solver units.
 
         Raises:
             ValueError: fewer than 4 distinct points, or points that are not finite.

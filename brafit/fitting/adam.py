@@ -23,6 +23,13 @@ def descend(
 
     Returns the best place each problem has seen, and which problems met a value or gradient that is not finite (those
     stay where they were best).
+
+    Args:
+        function: places -> values and gradients.
+        start: starting places.
+        steps: evaluations per problem.
+        rate: the first one, in the unit of the variables.
+        callback: called with the number of steps done so far, before each.
     """
     place, best = start.clone(), start.clone()
     lowest = torch.full_like(start[:, 0], torch.inf)

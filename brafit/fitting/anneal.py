@@ -33,7 +33,11 @@ class Stage:
         damping: L-BFGS works in the variables in which the Gauss-Newton matrix at the stage's start, plus `damping`
             times its largest diagonal element, is the identity. Small values reach weakly determined directions, but
             only near a minimum.
-        points: points of each cloud that are looked at; None: all. 0: none, the edges are drawn to the start's curves.
+        points: points of each cloud that the stage uses. None: all. 0: none; the edges are fitted to the start's curves
+            (`brafit.fitting.start`) instead.
+
+    Raises:
+        ValueError: another optimiser, fewer than 0 steps, or a penalty or damping that is not positive.
     """
 
     optimiser: str
@@ -164,6 +168,11 @@ class _Run:
 def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pressure) -> Float[Tensor, "batch size"]:
     """Fulfil the cup's closure equations to round-off by the least change, measured by the objective's Gauss-Newton
     matrix.
+
+    Args:
+        objective: the problems.
+        place: their parameters.
+        pressure: weights of constraints, barrier and neckline.
     """
     cup = objective.cup
     if cup.exact:  # closed by construction

@@ -3,7 +3,8 @@
 Each point pulls at the parameters with f = 2 w r J: its weight, residual, and the residual's derivatives. At the
 optimum the pulls and the conditions balance. Points of another scan pull a little differently, by noise and by where
 they happen to lie, which moves the parameters by H^-1 times the change of the sum, so that their covariance is C =
-H^-1 M H^-1: H the Gauss-Newton matrix of the whole objective, M the covariance of the sum of the pulls.
+H^-1 M H^-1: H the Gauss-Newton matrix of the whole objective, M the covariance of the sum of the pulls. This is (73) of
+docs/formulation.md.
 
 Residuals are not all noise. What is smooth over the surface is how far a cup of few panels is from a breast; the next
 scan shows the same. So M counts only by how much each pull differs from the mean of its neighbours', and takes these
@@ -41,7 +42,7 @@ from brafit.geometry.development import FlatPanel
 ALTERNATIVES = 24
 """Directions of the covariance that are kept: those that move the edges most."""
 _NEIGHBOURS = 6
-"""A point's pull is compared with the mean of so many around."""
+"""Neighbours with the mean of whose pulls a point's pull is compared."""
 _APART = 100.0
 """How far panels are moved apart for that, in solver units."""
 _LEAF = 16
@@ -140,6 +141,7 @@ def deviations(
         objective: the problems with all their points.
         flat: where they ended.
         pressure: with the weights they ended with.
+        count: directions at most.
 
     Returns:
         the changes that move the edges most; not finite for a problem whose matrix is singular.
@@ -182,6 +184,11 @@ def outline_spread(
 ) -> Float[Tensor, " batch"]:
     """Standard deviation of the pieces' outlines where it is largest, solver units, at the nodes of the fit; not finite
     where a change makes no cup, or where there are none.
+
+    Args:
+        cup: as many cups as there are rows.
+        flat: their parameters.
+        changes: from `deviations`.
     """
     batch, count, size = changes.shape
     if count == 0:
@@ -241,6 +248,10 @@ def outline_deviation(
 ) -> list[tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]]:
     """Standard deviation (mm) of the place of every piece's edges, across them, at the stations: for each panel of the
     lower and of the upper edge. Alternatives are laid on the fit's piece as a rigid motion fits best.
+
+    Args:
+        panels: of the fit, laid flat, mm.
+        alternatives: of the same fit; none: zeros are returned.
     """
     if not alternatives:
         none = np.zeros(len(panels[0].lower))

@@ -72,6 +72,7 @@ def checked_conditions(given: Iterable[object], taken: Sequence[str]) -> tuple[C
     """What was given as conditions, if all are.
 
     Args:
+        given: what `Conditions.extra` was given.
         taken: names that they may not have.
 
     Raises:
@@ -101,7 +102,9 @@ def measured_conditions(
     """What fit.json tells of each of B fitted cups: for each condition its measures by name.
 
     Args:
-        targets: in solver units.
+        conditions: each with a name of its own.
+        cup: the fitted cups.
+        targets: one for each cup, in solver units.
     """
     told: list[dict[str, dict[str, float]]] = [{} for _ in range(cup.batch)]
     if not conditions:

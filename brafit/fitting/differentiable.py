@@ -160,7 +160,7 @@ class DifferentiableFit:
         wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])
         objective, pressure = self._fitted(targets, wires, near)
         stopped = objective.cup.flatten().detach()
-        problem = Problem.of(objective, pressure, _data(objective, scans, self.condition, shares or {}))
+        problem = Problem.of(objective, pressure, _data(objective, scans, targets, self.condition, shares or {}))
         optimum = polished(problem.held(), stopped)
         parameters = at_optimum(problem, optimum, self.matrix)
         cup, scale = problem.objective.cup, problem.data.scale
@@ -196,9 +196,13 @@ def _millimetres(shape: CupShape, scale: Float[Tensor, " batch"]) -> CupShape:
 
 
 def _data(
-    objective: Objective, scans: Sequence[TensorTarget], condition: Conditions, shares: Mapping[str, Tensor]
+    objective: Objective,
+    scans: Sequence[TensorTarget],
+    held: Sequence[Target],
+    condition: Conditions,
+    shares: Mapping[str, Tensor],
 ) -> Data:
-    """The data in solver units, as functions of the scans' tensors."""
+    """The data in solver units, as functions of the scans' tensors. `held`: the scans without derivatives."""
     terms, targets = objective.cup.wire.coefficients.shape[1], objective.targets
     wires = [traced_wire(scan.wire, terms) for scan in scans]
     scale = torch.stack([length for _, length in wires]) / LENGTH
@@ -217,7 +221,7 @@ def _data(
     sheets = [_sheet(scan, targets.sheet.shape[1]) for scan in scans]
     sheet, normals, spacing = (torch.stack(parts) for parts in zip(*sheets, strict=True))
     return Data(
-        points=_points(scans, targets) / unit[..., None],
+        points=_points(scans, held, targets) / unit[..., None],
         weights=targets.weights,
         neckline=torch.stack(lines) / unit[..., None],
         connection=marks("strap_point"),
@@ -231,11 +235,10 @@ def _data(
     )
 
 
-def _points(scans: Sequence[TensorTarget], targets: Targets) -> Float[Tensor, "batch points 3"]:
+def _points(scans: Sequence[TensorTarget], held: Sequence[Target], targets: Targets) -> Float[Tensor, "batch points 3"]:
     """The clouds as `Targets.stack` orders and pads them, mm."""
     rows = []
-    for scan in scans:
-        target = scan.held()
+    for scan, target in zip(scans, held, strict=True):
         assumed = target.seen[len(target.points) :]
         every = torch.cat((scan.points, torch.as_tensor(assumed, dtype=torch.float64)))
         own = every[torch.from_numpy(along_curve(target.seen))]

@@ -1,4 +1,4 @@
-"""Derivatives through a fit, by the implicit function theorem.
+"""Derivatives through a fit, by the implicit function theorem: (76), (77) of docs/formulation.md.
 
 At the optimum a of the objective F(a, d) for the data d, F_a = 0 whatever the data: a'(d) = -F_aa^-1 F_ad. A loss L
 of the parameters then has dL/dd = -u . F_ad with F_aa u = dL/da: one equation for each problem of a batch, and one

@@ -48,8 +48,83 @@ class _State:
     curvature: Tensor
     quiet: Tensor
 
+    @staticmethod
+    def at(start: Tensor, value: Tensor, gradient: Tensor, history: int, reach: float) -> "_State":
+        """All problems at their starts, about to go downhill."""
+        index = torch.arange(len(start), device=start.device)
+        pairs = start.new_zeros(len(start), history, start.shape[1])
+        return _State(
+            index=index,
+            place=start,
+            value=value,
+            gradient=gradient,
+            direction=-gradient,
+            slope=-_inner(gradient, gradient),
+            step=_first_step(gradient, reach),
+            low=torch.zeros_like(value),
+            high=torch.full_like(value, torch.inf),
+            moves=pairs,
+            changes=pairs.clone(),
+            curvature=start.new_zeros(len(start), history),
+            quiet=torch.zeros_like(index),
+        )
+
     def select(self, keep: Tensor) -> "_State":
         return _State(*(v[keep] for v in vars(self).values()))
+
+    def searched(self, value: Tensor, gradient: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Narrow the brackets by what was found at the trials: which are accepted, the next steps of the others, and
+        which of these can go no further.
+        """
+        slope = _inner(gradient, self.direction)
+        too_high = ~(value <= self.value + 1e-4 * self.step * self.slope)
+        too_steep = ~too_high & (slope < 0.9 * self.slope)
+        accepted = ~too_high & ~too_steep
+        # shrink between the bracket's ends, or double where there is no upper end
+        self.high = torch.where(too_high, self.step, self.high)
+        self.low = torch.where(too_steep, self.step, self.low)
+        bracketed = self.high.isfinite()
+        middle = 0.5 * (self.low + torch.where(bracketed, self.high, 0.0))
+        next_step = torch.where(bracketed, middle, 2 * self.step)
+        size = self.place.abs().amax(-1) + 1
+        tiny = (self.step * self.direction.abs().amax(-1)) < torch.finfo(value.dtype).eps * size
+        return accepted, next_step, ~accepted & (tiny | (next_step == self.step))
+
+    def remember(self, trial: Tensor, gradient: Tensor, accepted: Tensor) -> None:
+        """Add the accepted moves to the history, where their curvature is positive."""
+        move, change = trial - self.place, gradient - self.gradient
+        bend = _inner(move, change)
+        useful = accepted & (bend > 1e-12 * move.norm(dim=-1) * change.norm(dim=-1))
+        self.moves = _push(self.moves, move, useful)
+        self.changes = _push(self.changes, change, useful)
+        self.curvature = _push(self.curvature, 1 / torch.where(useful, bend, 1.0), useful)
+
+    def take(self, trial: Tensor, value: Tensor, gradient: Tensor, accepted: Tensor, tolerance: float) -> None:
+        """Go on from the accepted trials."""
+        small = (self.value - value) <= tolerance * value.abs()
+        self.quiet = torch.where(accepted, torch.where(small, self.quiet + 1, 0), self.quiet)
+        self.place = torch.where(accepted[:, None], trial, self.place)
+        self.gradient = torch.where(accepted[:, None], gradient, self.gradient)
+        self.value = torch.where(accepted, value, self.value)
+
+    def turn(self, accepted: Tensor, next_step: Tensor, reach: float) -> None:
+        """A new direction where a trial was accepted, downhill in any case; else the next step along the old one."""
+        direction = _direction(self)
+        descent = _inner(direction, self.gradient)
+        uphill = ~(descent < 0)
+        direction = torch.where(uphill[:, None], -self.gradient, direction)
+        descent = torch.where(uphill, -_inner(self.gradient, self.gradient), descent)
+        self.direction = torch.where(accepted[:, None], direction, self.direction)
+        self.slope = torch.where(accepted, descent, self.slope)
+        fresh = torch.where(uphill, _first_step(self.gradient, reach), 1.0)
+        self.step = torch.where(accepted, fresh, next_step)
+        self.low = torch.where(accepted, 0.0, self.low)
+        self.high = torch.where(accepted, torch.inf, self.high)
+
+
+def _first_step(gradient: Tensor, reach: float) -> Tensor:
+    """Along a gradient, no longer than `reach` and no more than the gradient itself."""
+    return (reach / gradient.norm(dim=-1).clamp_min(1e-300)).clamp_max(1.0)
 
 
 def _inner(a: Tensor, b: Tensor) -> Tensor:
@@ -104,35 +179,18 @@ def minimise(
         function: values and gradients for a subset of the problems.
         start: starting places.
         steps: evaluations per problem at most.
+        tolerance: relative decrease of the value that counts as none.
+        history: pairs of moves and changes of the gradient that are kept.
         reach: longest first step, in units of the variables.
+        callback: called with the number of steps done so far, before each.
     """
-    batch = len(start)
-    everything = torch.arange(batch, device=start.device)
+    everything = torch.arange(len(start), device=start.device)
     value, gradient = function(start, everything)
     place_out, value_out = start.clone(), value.clone()
-    converged = torch.zeros(batch, dtype=torch.bool, device=start.device)
+    converged = torch.zeros(len(start), dtype=torch.bool, device=start.device)
     diverged = ~(value.isfinite() & gradient.isfinite().all(-1))
-    evaluations = torch.ones(batch, dtype=torch.long, device=start.device)
-    pairs = start.new_zeros(batch, history, start.shape[1])
-
-    def first_step(gradient: Tensor) -> Tensor:
-        return (reach / gradient.norm(dim=-1).clamp_min(1e-300)).clamp_max(1.0)
-
-    state = _State(
-        index=everything,
-        place=start,
-        value=value,
-        gradient=gradient,
-        direction=-gradient,
-        slope=-_inner(gradient, gradient),
-        step=first_step(gradient),
-        low=torch.zeros_like(value),
-        high=torch.full_like(value, torch.inf),
-        moves=pairs,
-        changes=pairs.clone(),
-        curvature=start.new_zeros(batch, history),
-        quiet=torch.zeros_like(everything),
-    ).select(~diverged)
+    evaluations = torch.ones(len(start), dtype=torch.long, device=start.device)
+    state = _State.at(start, value, gradient, history, reach).select(~diverged)
     for count in range(steps):
         if len(state.index) == 0:
             break
@@ -144,45 +202,10 @@ def minimise(
         finite = value.isfinite() & gradient.isfinite().all(-1)
         value = torch.where(finite, value, torch.inf)
         gradient = torch.where(finite[:, None], gradient, 0.0)
-        slope = _inner(gradient, state.direction)
-        too_high = ~(value <= state.value + 1e-4 * state.step * state.slope)
-        too_steep = ~too_high & (slope < 0.9 * state.slope)
-        accepted = ~too_high & ~too_steep
-
-        # line search: shrink between the bracket's ends, or double where there is no upper end
-        state.high = torch.where(too_high, state.step, state.high)
-        state.low = torch.where(too_steep, state.step, state.low)
-        bracketed = state.high.isfinite()
-        middle = 0.5 * (state.low + torch.where(bracketed, state.high, 0.0))
-        next_step = torch.where(bracketed, middle, 2 * state.step)
-        size = state.place.abs().amax(-1) + 1
-        tiny = (state.step * state.direction.abs().amax(-1)) < torch.finfo(value.dtype).eps * size
-        stuck = ~accepted & (tiny | (next_step == state.step))
-
-        move, change = trial - state.place, gradient - state.gradient
-        bend = _inner(move, change)
-        useful = accepted & (bend > 1e-12 * move.norm(dim=-1) * change.norm(dim=-1))
-
-        state.moves = _push(state.moves, move, useful)
-        state.changes = _push(state.changes, change, useful)
-        state.curvature = _push(state.curvature, 1 / torch.where(useful, bend, 1.0), useful)
-        small = (state.value - value) <= tolerance * value.abs()
-        state.quiet = torch.where(accepted, torch.where(small, state.quiet + 1, 0), state.quiet)
-        state.place = torch.where(accepted[:, None], trial, state.place)
-        state.gradient = torch.where(accepted[:, None], gradient, state.gradient)
-        state.value = torch.where(accepted, value, state.value)
-        direction = _direction(state)
-        descent = _inner(direction, state.gradient)
-        uphill = ~(descent < 0)
-        direction = torch.where(uphill[:, None], -state.gradient, direction)
-        descent = torch.where(uphill, -_inner(state.gradient, state.gradient), descent)
-        state.direction = torch.where(accepted[:, None], direction, state.direction)
-        state.slope = torch.where(accepted, descent, state.slope)
-        fresh = torch.where(uphill, first_step(state.gradient), 1.0)
-        state.step = torch.where(accepted, fresh, next_step)
-        state.low = torch.where(accepted, 0.0, state.low)
-        state.high = torch.where(accepted, torch.inf, state.high)
-
+        accepted, next_step, stuck = state.searched(value, gradient)
+        state.remember(trial, gradient, accepted)
+        state.take(trial, value, gradient, accepted, tolerance)
+        state.turn(accepted, next_step, reach)
         place_out[state.index], value_out[state.index] = state.place, state.value
         done = stuck | (state.quiet >= 2) | (state.slope == 0)
         converged[state.index] = done & ~(stuck & ~finite)

@@ -26,7 +26,8 @@ _SHORTEST = 1e-2
 _WORTH = 1.08
 """A neckline's weight that is to be raised by less is not worth fitting again."""
 _SEARCHING = 4
-"""Nearest points are searched anew in the first steps and then every so many; in between, they are followed."""
+"""Nearest points are searched anew in the first _SEARCHING steps and then in every _SEARCHING-th one; in between they
+are followed."""
 
 
 @dataclass(frozen=True)
@@ -36,14 +37,19 @@ class LMStage:
     Attributes:
         terms: terms of the cup's series that are free; None: all. The upper edge's corner stays where
             `Cup.place_corner` puts it: free, it wanders and makes a kink.
-        points: points of each cloud that are looked at; None: all. 0: none, the edges are drawn to the start's curves.
+        points: points of each cloud that the stage uses. None: all. 0: none; the edges are fitted to the start's curves
+            (`brafit.fitting.start`) instead.
         steps: steps at most.
         keep: starts per scan that go on after the stage.
         penalty: penalty mu of the cup's constraints, where it has any.
         tolerance: relative decrease of the objective, expected and found, at which a problem has converged.
         fairness, plainness: multiply these weights while the stage runs (cups that are exact). There is one best among
             very plain cups, which the next stages follow; fairness alone has many, and comes last.
-        margin_width: holds at least while the stage runs: a soft barrier leads past poor optima.
+        margin_width: the least width of the regularity barrier while the stage runs: a soft barrier leads past poor
+            optima.
+
+    Raises:
+        ValueError: no step, or a penalty that is not positive.
     """
 
     steps: int
@@ -84,11 +90,15 @@ class LM:
 
     Args:
         stages: the schedule (`LMStage`s or mappings with their fields).
-        margin: tolerance below the conditions' regularity margin at which the barrier is raised for a problem, tenfold
-            each time, and its fit repeated on a finer grid. So it is where the upper edge is beyond
-            `Conditions.neckline_limit`, with the neckline's weight raised; that is looked at after earlier stages
-            with all terms free and the conditions as they are, as well.
-        apart: how far above the best, in parts of it, the objective of a start must be to count as another optimum.
+        margin: how far the regularity margin of a finished cup may lie below `Conditions.margin`. A cup below that
+            gets a barrier ten times as strong, and its fit is repeated on a finer grid. If its upper edge ends farther
+            from the neckline than `Conditions.neckline_limit`, the neckline's weight is raised and the fit repeated
+            likewise. This second check also runs after every earlier stage that frees all terms and does not change
+            the weights of fairness and plainness.
+        apart: by which share of the best start's objective another start must end above it to count as another optimum.
+
+    Raises:
+        ValueError: there is no stage.
     """
 
     def __init__(self, stages: Sequence[LMStage | dict], margin: float = 0.0, apart: float = 0.05):

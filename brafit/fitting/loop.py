@@ -108,6 +108,8 @@ def fit_targets(
         solver: e.g. `Anneal`.
         condition: what is asked of the cups.
         restarts: starts per scan; the one with the lowest objective wins.
+        dtype: precision of the fit; results are float64.
+        device: of the fit; results are on the CPU.
         threads: processor cores that share the scans.
         callback: told of every step.
 
@@ -225,7 +227,17 @@ def starting_problems(
     dtype: torch.dtype = torch.float64,
     device: torch.device | str = "cpu",
 ) -> Objective:
-    """The objective of all starts of all scans, scan by scan, its cups at their starts."""
+    """The objective of all starts of all scans, scan by scan, its cups at their starts.
+
+    Args:
+        targets: the scans.
+        wires: of the scans, in their order.
+        cup: makes the cup model from its wires.
+        condition: what is asked of the cups.
+        restarts: starts per scan.
+        dtype: precision of the problems.
+        device: where they are computed.
+    """
     repeated = torch.arange(len(targets)).repeat_interleave(restarts)
     model = cup(wires.select(repeated).to(device=device, dtype=dtype))
     repeated = repeated.to(device)
@@ -308,7 +320,13 @@ class Measured:
 
 @torch.no_grad()
 def measured_cups(cup: Cup, targets: Sequence[Target], refinements: int = REFINEMENTS) -> list[Measured]:
-    """The cups of a batch; those whose panels are to be exact and are not yet, on finer grids."""
+    """The cups of a batch; those whose panels are to be exact and are not yet, on finer grids.
+
+    Args:
+        cup: one cup for each target.
+        targets: the scans.
+        refinements: how often the grid of the output may yet be refined.
+    """
     wire, flat = cup.wire, cup.flatten()
     units = cup.shape_of(flat)
     points = [torch.as_tensor(t.points, dtype=torch.float64) / s for t, s in zip(targets, wire.scale, strict=True)]

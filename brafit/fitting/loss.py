@@ -1,4 +1,7 @@
-"""Losses as functions rho of a squared residual, with their slopes (the weights of Gauss-Newton)."""
+"""Losses as functions rho of a squared residual, with their slopes (the weights of Gauss-Newton).
+
+Numbers in parentheses are equations of docs/formulation.md.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ def square(squared: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def beyond(squared: Tensor, free: Tensor | float) -> tuple[Tensor, Tensor]:
-    """Quadratic in what |r| exceeds `free` by: smaller residuals cost nothing."""
+    """Quadratic with a dead zone: rho = max(|r| - free, 0)^2, so that residuals up to `free` cost nothing."""
     excess = (squared.sqrt() - free).clamp_min(0)
     return excess.square(), excess / (excess + free).clamp_min(1e-30)
 
@@ -56,6 +59,7 @@ def point_loss(kind: str | Loss, width: float, unit: Tensor | float = 1.0) -> Lo
     """The loss of the points: `l1` (31), `l2`, `robust` (Cauchy), or one given, in mm.
 
     Args:
+        kind: its name, or the loss.
         width: rounding of l1 and scale of robust, mm.
         unit: millimetres per unit of the residuals that it is to take.
 

@@ -25,6 +25,10 @@ _ENDS = 0.02
 def in_millimetres(shape: CupShape, scale: float) -> CupShape:
     """A shape in solver units, in millimetres, on the CPU in double precision. Tangents are by the wire's arc length
     and keep their size.
+
+    Args:
+        shape: one cup, solver units.
+        scale: millimetres to a solver unit.
     """
     own = shape.map(lambda value: value.cpu().double())
     return replace(
@@ -131,7 +135,13 @@ class Bend:
 
 
 def tight_bends(shape: CupShape, panels: Sequence[FlatPanel], strap_point: Float[np.ndarray, "3"] | None) -> list[Bend]:
-    """The tightest bend of both edges of every flat panel."""
+    """The tightest bend of both edges of every flat panel.
+
+    Args:
+        shape: one cup, mm.
+        panels: its panels laid flat, mm.
+        strap_point: where the upper edge has its corner, which is no bend; None: nowhere.
+    """
     bends = []
     for i, panel in enumerate(panels):
         for edge, curve in ((i, panel.lower.numpy()), (i + 1, panel.upper.numpy())):

@@ -1,4 +1,4 @@
-"""The neckline that a cup's upper edge is drawn to: the given line made smooth, on either side of its corner.
+"""The neckline that a cup's upper edge is to follow: the given line made smooth, on either side of its corner.
 
 A given neckline is mostly a cut through a triangle mesh, and an upper edge that follows it closely copies the jitter of
 that cut.
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.polynomial import chebyshev
 
-from brafit.geometry.polyline import distances, distinct, evenly_spaced
+from brafit.geometry.polyline import distances, distinct, evenly_spaced, polyline_length
 from brafit.geometry.smoothing import chord_parameter, smooth_series
 
 STRAP_REACH = 8.0
@@ -47,7 +47,7 @@ class Neckline:
 
 def intervals(sides: Sequence[Float[np.ndarray, "_ 3"]], count: int) -> int:
     """How many of the intervals between `count` points the first of two sides gets, by its length."""
-    lengths = [np.linalg.norm(np.diff(side, axis=0), axis=1).sum() for side in sides]
+    lengths = [polyline_length(side) for side in sides]
     return int(np.clip(round((count - 1) * lengths[0] / sum(lengths)), 1, count - 2))
 
 
@@ -74,6 +74,10 @@ def side_rows(
 ) -> list[Int[np.ndarray, " _"]]:
     """The line parted at the strap point, as numbers of its points. The strap point, number k, takes the place of
     points that are next to it: an evenly sampled line cuts its corner off.
+
+    Args:
+        line: distinct points, mm.
+        strap_point: where the line is parted; None: nowhere.
     """
     every = np.arange(len(line))
     if strap_point is None or len(line) < 3:

@@ -18,7 +18,8 @@ from torch import Tensor
 
 from brafit.cup.base import Linearised
 from brafit.fitting.objective import Objective, Pressure
-from brafit.geometry.nearest import Feet, Sums, project
+from brafit.geometry.nearest import project
+from brafit.geometry.panels import Feet, Sums
 from brafit.geometry.products import aligned, total, weighted_rows
 
 POINTS = 1 << 14
@@ -26,7 +27,7 @@ POINTS = 1 << 14
 ROWS = 1 << 18
 """Numbers of their Jacobian held at a time, likewise."""
 DEVICE = 1 << 10
-"""Other devices hold so many times more: their time goes by calls."""
+"""Factor on both for devices other than the processor, whose time depends on the number of calls."""
 _ITERATIONS = 3
 """Newton steps of the feet beside the nearest sampled ruling: the next step of the solver finds them anew."""
 
@@ -81,7 +82,12 @@ def normal_equations(
     """The objective at a place, by the parameters that are free with this many terms: `Cup.columns` (all by
     default).
 
-    `near`: feet at a place nearby, to be followed instead of a search.
+    Args:
+        objective: the problems.
+        flat: their parameters.
+        pressure: weights of constraints, barrier and neckline.
+        terms: free terms of the series; None: all.
+        near: feet at a place nearby, to be followed instead of a search; None: they are searched.
     """
     linear = objective.cup.linearise(flat, terms)
     parts = []
@@ -116,7 +122,7 @@ class Points:
 
 
 def slices(objective: Objective) -> list[slice]:
-    """The problems, so many at a time that the processor's caches hold what is computed of their points."""
+    """The problems in groups, small enough for the processor's caches to hold what is computed of their points."""
     batch, count = objective.targets.points.shape[:2]
     each = max(1, _held(objective.targets.points, POINTS) // max(1, count))
     return [slice(first, min(first + each, batch)) for first in range(0, batch, each)]
@@ -211,7 +217,15 @@ def assembled(
     linear: Linearised,
     points: Points,
 ) -> Normal:
-    """The objective's quadratic model from the cups' linearisation and the points' part."""
+    """The objective's quadratic model from the cups' linearisation and the points' part.
+
+    Args:
+        objective: the problems.
+        flat: their parameters.
+        pressure: weights of constraints, barrier and neckline.
+        linear: the cups at `flat` and their derivatives.
+        points: the points' part, of all problems.
+    """
     values = [points.value]
     gradient, matrix = points.gradient, points.matrix
     blocks = objective.blocks(flat, linear.shape, pressure, linear.margin, linear.unfairness)
@@ -256,8 +270,8 @@ def _add_nested_grams(
     start: int,
     reach: Sequence[int],
 ) -> None:
-    """Add `gram` of rows that come panel by panel, so many in all, the first of these after `start` others, and are
-    zero beyond their panel's reach.
+    """Add `gram` of rows that are sorted by panels and zero beyond their panel's reach. `counts`: rows of each panel;
+    `start`: how many of them come before these.
     """
     end = start + jacobian.shape[1]
     for item, own_rows, slope, numbers in zip(matrix, jacobian, weights, counts, strict=True):

@@ -1,4 +1,5 @@
-"""The objective (43) as named blocks of residuals, batched: value = sum over blocks of weight * sum rho(residual^2).
+"""The objective, (59) of docs/formulation.md, as named blocks of residuals, batched: value = sum over blocks of
+weight * sum rho(residual^2). The paper's is (43).
 
 The objective knows cups and targets, but no solver. Constraints are blocks too: a solver sets their penalty and
 multipliers.
@@ -22,7 +23,8 @@ from brafit.fitting.block import Block, pull, pulls
 from brafit.fitting.condition import Asked, Condition, checked_conditions
 from brafit.fitting.loss import Loss, beyond, fuzzy, point_loss
 from brafit.fitting.targets import Targets
-from brafit.geometry.nearest import Feet, nearest_feet, signed_distance
+from brafit.geometry.nearest import nearest_feet, signed_distance
+from brafit.geometry.panels import Feet
 from brafit.geometry.products import total
 
 Flat = Float[Tensor, "batch size"]

@@ -99,7 +99,7 @@ _POOL: Pool | None = None
 
 
 def _pool(count: int) -> Pool:
-    """This process's pool, with so many processes."""
+    """This process's pool, with `count` processes."""
     global _POOL
     if _POOL is None or _POOL.count != count or _POOL.closed:
         if _POOL is not None:

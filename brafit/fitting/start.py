@@ -1,6 +1,6 @@
 """Where fits start: every edge of the cup as a curve drawn on the cloud, a section by a plane through the wire's chord.
 
-A cup that is first drawn to these curves starts near its best fit: from there the points lead most starts into the
+A cup that is first fitted to these curves starts near its best fit: from there the points lead most starts into the
 same optimum, in a fifth of the steps that plain arcs need.
 """
 
@@ -27,13 +27,18 @@ _WIDTH, _WIDE = 0.12, 0.5
 _DIRECTIONS = 31
 """Directions in which a section is measured."""
 _CLOUD = 1000
-"""Points that are looked at."""
+"""Points of the cloud that are used, about."""
 
 
 def start_cups(cup: Cup, targets: Sequence[Target], restarts: int = 1) -> Float[np.ndarray, "batch panels m 3"]:
     """Set cups to where fits start: to the first `restarts` starts of every target, target by target.
 
     Returns the curves, mm, that the starts were read from, see `start_curves`.
+
+    Args:
+        cup: B cups, B = targets times restarts.
+        targets: the scans.
+        restarts: starts per scan.
 
     Raises:
         ValueError: the cups are not as many as the starts.
@@ -53,6 +58,12 @@ def start_curves(target: Target, panels: int, count: int, seed: int = 0) -> Floa
     edge. Each ridge is the section of the cloud at an angle about the chord between those two. The first start puts
     the ridges where breasts' cups usually have them, the next ones move them down and up, any further ones at random
     (from `seed`, the same for every scan). The last curve is the neckline, or the section where the cloud ends.
+
+    Args:
+        target: the scan.
+        panels: of the cup.
+        count: number of starts.
+        seed: of the starts beyond those in `_SPREAD`.
     """
 
     def polar(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

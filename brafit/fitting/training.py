@@ -38,7 +38,7 @@ class ConditionLoss:
         distances in mm.
 
         Args:
-            penalty: weight of the model's own constraints; of no account for `StripsCup`, which has none.
+            penalty: weight of the model's own constraints; without effect on `StripsCup`, which has none.
         """
         problem, cup = self._problem, self._problem.cup
         flat = cup.flatten()

@@ -1,8 +1,8 @@
-"""Moving frames and the curves they draw: (1)-(4), (46)-(49).
+"""Moving frames and the curves they draw: (1)-(4), (46)-(49) of docs/formulation.md.
 
 A frame F = [xi eta zeta] turns as F' = F Omega(omega) and its curve runs as x' = speed zeta. Together they are one
-equation on the rigid motions, G' = G A(s). Over one interval it is solved by the fourth-order Magnus expansion (exact
-for constant omega), and the products along the curve, being associative, by a scan in O(log n) batched steps.
+equation on the rigid motions, G' = G A(s). Over one interval it is solved by the fourth-order Magnus expansion (55),
+exact for constant omega. The products along the curve are associative and are taken in O(log n) batched steps.
 """
 
 from __future__ import annotations
@@ -26,7 +26,12 @@ def gauss_points(stations: Float[Tensor, " n"]) -> Float[Tensor, "n-1 2"]:
 def prefix_motions(
     rotation: Float[Tensor, "*batch n 3 3"], translation: Float[Tensor, "*batch n 3"]
 ) -> tuple[Float[Tensor, "*batch n 3 3"], Float[Tensor, "*batch n 3"]]:
-    """All prefix products G_1, G_1 G_2, ... of rigid motions, in log2(n) steps."""
+    """All prefix products G_1, G_1 G_2, ... of rigid motions, in log2(n) steps.
+
+    Args:
+        rotation: of G_1 to G_n.
+        translation: of G_1 to G_n, in the same order.
+    """
     count, offset = translation.shape[-2], 1
     while offset < count:
         left_r, left_t = rotation[..., :-offset, :, :], translation[..., :-offset, :]

@@ -1,4 +1,5 @@
-"""Developable panels between two edges: rib angle, rates, twist, regularity, (11)-(19) corrected.
+"""Developable panels between two edges: rib angle, rates, twist, regularity: (11)-(19) and (66)
+of docs/formulation.md.
 
 Along an edge: T the unit tangent (zeta), d the unit ruling direction, xi the unit vector across the panel in its
 tangent plane, eta = zeta x xi the normal, so that xi = eta x zeta and d = -zeta sin(alpha) + xi cos(alpha).
@@ -42,6 +43,12 @@ def rulings(lower: Vectors, upper: Vectors, lower_tangent: Vectors, upper_tangen
 
     Where the edges meet (the two ends) the ruling has no direction of its own; its limit is that of the difference of
     the tangents d edge / ds, pointing into the panel.
+
+    Args:
+        lower: positions of the lower edge, the first and the last at the ends where the edges meet.
+        upper: positions of the upper edge at the same s.
+        lower_tangent: derivatives of the lower edge by s.
+        upper_tangent: derivatives of the upper edge by s.
     """
     g = upper - lower
     change = upper_tangent - lower_tangent
@@ -51,7 +58,12 @@ def rulings(lower: Vectors, upper: Vectors, lower_tangent: Vectors, upper_tangen
 
 
 def rib_angle(tangent: Vectors, direction: Vectors) -> Values:
-    """alpha in radians, (18): positive where the ruling leans back against the edge's direction."""
+    """alpha in radians, (18): positive where the ruling leans back against the edge's direction.
+
+    Args:
+        tangent: edge tangents (any length).
+        direction: unit ruling directions.
+    """
     return -torch.asin(dot(unit(tangent), direction).clamp(-1, 1))
 
 
@@ -62,18 +74,28 @@ def rib_angle_from_omega(omega: Vectors) -> Values:
 
 
 def across(tangent: Vectors, direction: Vectors) -> Vectors:
-    """xi: the unit vector in the panel's tangent plane at right angles to the edge, on the panel's side."""
+    """xi: the unit vector in the panel's tangent plane at right angles to the edge, on the panel's side.
+
+    Args:
+        tangent: edge tangents (any length).
+        direction: unit ruling directions.
+    """
     t = unit(tangent)
     return unit(direction - dot(t, direction)[..., None] * t)
 
 
 def normals(tangent: Vectors, direction: Vectors) -> Vectors:
-    """eta = zeta x xi, the unit surface normal."""
+    """eta = zeta x xi, the unit surface normal.
+
+    Args:
+        tangent: edge tangents (any length).
+        direction: unit ruling directions.
+    """
     return unit(torch.linalg.cross(tangent, direction))
 
 
 def omega_from_edge(tangent: Vectors, curvature: Vectors, direction: Vectors) -> Vectors:
-    """Rates omega of the Darboux frame along an edge whose panel's rulings are `direction`, (19) corrected.
+    """Rates omega of the Darboux frame along an edge whose panel's rulings are `direction`, (19).
 
     Args:
         tangent: edge tangents (any length).
@@ -87,34 +109,61 @@ def omega_from_edge(tangent: Vectors, curvature: Vectors, direction: Vectors) ->
 
 
 def geodesic_curvature(tangent: Vectors, curvature: Vectors, direction: Vectors) -> Values:
-    """omega_eta = curvature . xi: the curvature that the edge keeps when the panel is laid flat."""
+    """omega_eta = curvature . xi: the curvature that the edge keeps when the panel is laid flat.
+
+    Args:
+        tangent: edge tangents (any length).
+        curvature: d zeta / d arc length, from `curvature_vector`.
+        direction: unit ruling directions.
+    """
     return dot(curvature, across(tangent, direction))
 
 
 def curvature_vector(tangent: Vectors, second: Vectors) -> Vectors:
-    """d zeta / d arc length from the first and second derivatives of a curve by any parameter."""
+    """d zeta / d arc length from the first and second derivatives of a curve by any parameter.
+
+    Args:
+        tangent: first derivatives.
+        second: second derivatives by the same parameter.
+    """
     squared = dot(tangent, tangent)[..., None]
     along = dot(second, tangent)[..., None] / squared
     return (second - along * tangent) / squared
 
 
 def twist_determinant(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vectors) -> Values:
-    """det(zeta_a, zeta_b, d), (17) with unit vectors: zero where the panel is developable."""
+    """det(zeta_a, zeta_b, d), (17) with unit vectors: zero where the panel is developable.
+
+    Args:
+        lower_tangent: of the lower edge, of any length.
+        upper_tangent: of the upper edge, of any length.
+        direction: unit ruling directions.
+    """
     return dot(torch.linalg.cross(unit(lower_tangent), unit(upper_tangent)), direction)
 
 
 def twist_angle(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vectors) -> Values:
-    """Angle in radians between the surface normals at the two ends of a ruling."""
+    """Angle in radians between the surface normals at the two ends of a ruling.
+
+    Args:
+        lower_tangent: of the lower edge, of any length.
+        upper_tangent: of the upper edge, of any length.
+        direction: unit ruling directions.
+    """
     a, b = normals(lower_tangent, direction), normals(upper_tangent, direction)
     return torch.atan2(torch.linalg.cross(a, b).norm(dim=-1), dot(a, b))
 
 
 def regularity(lower_tangent: Vectors, upper_tangent: Vectors, direction: Vectors) -> Values:
-    """Margin A(t_max) / A(0) of formulation section 4.5: how far the rulings are from crossing inside the panel.
+    """Margin A(t_max) / A(0), (66): how far the rulings are from crossing inside the panel.
 
     A(t) is the speed of the surface point at t across the ruling as s grows; it is linear in t. 1 for parallel
     rulings (a cylinder), 0 where the upper edge touches the edge of regression, negative where rulings cross.
-    Tangents are by the common parameter s.
+
+    Args:
+        lower_tangent: derivatives of the lower edge by s.
+        upper_tangent: derivatives of the upper edge by the same s.
+        direction: unit ruling directions.
     """
     normal = torch.linalg.cross(lower_tangent, direction)
     return dot(torch.linalg.cross(upper_tangent, direction), normal) / dot(normal, normal)

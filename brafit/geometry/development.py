@@ -1,4 +1,4 @@
-"""The panel laid flat, (20)-(25) corrected."""
+"""The panel laid flat, (20)-(25) of docs/formulation.md."""
 
 from __future__ import annotations
 
@@ -55,6 +55,11 @@ def develop(
 
 
 def arc_lengths(curve: Float[Tensor, "*batch n k"], stations: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
-    """Arc length from the first sample to each, of smooth curves in the plane or in space sampled at `stations`."""
+    """Arc length from the first sample to each, of smooth curves in the plane or in space sampled at `stations`.
+
+    Args:
+        curve: positions; the last dimension has their coordinates.
+        stations: any common parameter of the samples, increasing.
+    """
     speed = sliding_derivative(curve, stations).norm(dim=-1)
     return sliding_integral(speed[..., None], stations)[..., 0]

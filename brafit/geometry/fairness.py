@@ -5,7 +5,7 @@ the edge, which circles make zero (the minimum variation curve of Moreton and Se
 surface design, 1992), taken between neighbouring samples. Its square roots are residuals.
 
 The curvature of a flat edge is rate / speed: how the edge turns in its panel, and how fast it runs, both per unit of a
-common parameter s.
+common parameter s. The measure is (68) of docs/formulation.md.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 from torch import Tensor
 
-from brafit.geometry.polyline import distinct
+from brafit.geometry.polyline import distinct, running_length
 
 Values = Float[Tensor, "*batch n"]
 STRAIGHT = 0.002
@@ -92,7 +92,7 @@ class EdgeCurvature:
     def of(curve: Float[np.ndarray, "k 2"], corner: Float[np.ndarray, "2"] | None = None) -> "EdgeCurvature":
         """Of the smooth curve through samples; `corner`: where it has one, and is not smooth."""
         curve = distinct(curve)
-        along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1)))
+        along = running_length(curve)
         spline, arc = CubicSpline(along, curve), np.linspace(0, along[-1], _SAMPLES)
         (dx, dy), (ddx, ddy) = spline(arc, 1).T, spline(arc, 2).T
         curvature = (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3

@@ -38,7 +38,13 @@ def chebyshev_polynomials(terms: int, x: np.ndarray) -> np.ndarray:
 
 
 def chebyshev_synthesis(terms: int, x: np.ndarray, derivative: int = 0) -> np.ndarray:
-    """(len(x), terms): Chebyshev coefficients -> values (or derivatives by x) at x in [-1, 1]."""
+    """(len(x), terms): Chebyshev coefficients -> values (or derivatives by x) at x in [-1, 1].
+
+    Args:
+        terms: coefficients of a series.
+        x: places in [-1, 1].
+        derivative: order of the derivative by x; 0: values.
+    """
     basis = np.eye(terms)
     if derivative:
         basis = chebyshev.chebder(basis, derivative, axis=0)
@@ -98,12 +104,22 @@ def _sliding_operators(points: tuple[float, ...], width: int) -> tuple[np.ndarra
 
 
 def sliding_derivative(values: Float[Tensor, "*batch n k"], x: Float[Tensor, " n"]) -> Float[Tensor, "*batch n k"]:
-    """d values / dx at the samples, by sliding polynomials through eight of them: local error of order h^7."""
+    """d values / dx at the samples, by sliding polynomials through eight of them: local error of order h^7.
+
+    Args:
+        values: functions sampled at x; the last dimension runs over functions.
+        x: increasing, need not be evenly spaced.
+    """
     derivative, _, length = _sliding(x)
     return torch.einsum("ij,...jk->...ik", like(derivative / length, values), values)
 
 
 def sliding_integral(values: Float[Tensor, "*batch n k"], x: Float[Tensor, " n"]) -> Float[Tensor, "*batch n k"]:
-    """Integral of the samples from x[0] to each x, by sliding polynomials through eight of them: order h^8."""
+    """Integral of the samples from x[0] to each x, by sliding polynomials through eight of them: order h^8.
+
+    Args:
+        values: functions sampled at x; the last dimension runs over functions.
+        x: increasing, need not be evenly spaced.
+    """
     _, integral, length = _sliding(x)
     return torch.einsum("ij,...jk->...ik", like(integral * length, values), values)

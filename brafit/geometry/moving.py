@@ -1,4 +1,6 @@
-"""Nearest points that move: differentiable as the places of minima, which `brafit.geometry.nearest` finds and holds.
+"""Nearest points that move with the cup and the points, (77) of docs/formulation.md.
+
+`brafit.geometry.nearest` finds nearest points and holds them; here they are differentiable as the places of minima.
 
 The squared distance E(x, data) of a point has its minimum in the place x*. With x* held, the first derivatives of the
 least distance by the data are right (envelope theorem), the second are not: the place moves, by -E_xx^-1 E_xd. One step
@@ -13,18 +15,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from brafit.geometry.developable import dot
-from brafit.geometry.nearest import (
-    Edges,
-    Feet,
-    Points,
-    gather_rows,
-    hermite,
-    hermite_bend,
-    hermite_slope,
-    sample_table,
-    stencil,
-    weighted,
-)
+from brafit.geometry.hermite import hermite, hermite_bend, hermite_slope
+from brafit.geometry.panels import Edges, Feet, Points, gather_rows, sample_table, stencil, weighted
 
 _FLAT = 1e-9
 """Where a minimum is so flat across some direction, in parts of what it could be, its place is held: at the cusps."""
@@ -40,6 +32,7 @@ def slid(
     """Places in intervals of a cubic Hermite curve, nearest to points, that move with the curve and the points.
 
     Args:
+        points: as many as places.
         samples: of each interval: both ends, and the derivatives there.
         tau: the places, in [0, 1].
         h: lengths of the intervals.
@@ -60,6 +53,10 @@ def moving_gaps(points: Points, edges: Edges, tangents: Edges, stations: Float[T
     A foot on a panel's edge stays on the edge, and one in an end of the wire stays there.
 
     Args:
+        points: in the unit of the edges.
+        edges: positions of all edges at the stations, from the wire up.
+        tangents: their derivatives by s.
+        stations: s of the samples, increasing.
         feet: exact, of these points on these edges.
     """
     tau, u = feet.tau, feet.u

@@ -43,7 +43,12 @@ def dots(a: Float[Tensor, "batch n"], b: Float[Tensor, "batch n"]) -> Float[Tens
 def solved_each(
     matrix: Float[Tensor, "batch n n"], right: Float[Tensor, "batch n"]
 ) -> tuple[Float[Tensor, "batch n"], Bool[Tensor, " batch"]]:
-    """Solutions of symmetric positive equations, and which of them there are."""
+    """Solutions of symmetric positive equations, and which of them there are.
+
+    Args:
+        matrix: symmetric; where it is not positive definite there is no solution.
+        right: right-hand sides.
+    """
     if matrix.device.type == "cpu":
         parts = [_solved(m[None], r[None]) for m, r in zip(matrix, right, strict=True)]
         return torch.cat([solution for solution, _ in parts]), torch.cat([usable for _, usable in parts])

@@ -1,4 +1,4 @@
-"""Ritz bases: the functions of arc length in which the unknowns are expanded, (50), (51)."""
+"""Ritz bases: the functions of arc length in which the unknowns are expanded, (50), (51) of docs/formulation.md."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ def ritz_basis(kind: str, terms: int, x: Float[Tensor, " n"]) -> Float[Tensor, "
     cosine:    1, cos(pi x), cos(2 pi x), ...            complete on [0, 1] without being periodic
     fourier:   1, sin(pi x), cos(pi x), sin(2 pi x), ... period 2: redundant on [0, 1], but rich with few terms
     chebyshev: T_k(2 x - 1)
+
+    Args:
+        kind: one of BASES.
+        terms: how many functions.
+        x: arc length over length.
 
     Raises:
         ValueError: unknown kind, or fewer than one term.

@@ -1,4 +1,4 @@
-"""Smooth curves near polylines (NumPy)."""
+"""Smooth curves near polylines (NumPy), (70) and (71) of docs/formulation.md."""
 
 from __future__ import annotations
 
@@ -28,6 +28,12 @@ def smooth_series(
 
     Least squares plus `smoothing` times the mean squared third derivative by (x + 1) pi / 2, the points' unit being
     length / pi: a wave of n half-periods along the curve keeps 1 / (1 + smoothing n^6) of its amplitude.
+
+    Args:
+        x: increasing, from -1 to 1, see `chord_parameter`.
+        points: there, in units of length / pi.
+        chords: lengths of the segments between the points, in any unit: shares of them are weights.
+        smoothing: weight of the third derivative; less than 1e-12 counts as that.
     """
     terms = min(TERMS, len(points))
     values = chebyshev.chebvander(x, terms - 1)

@@ -15,7 +15,7 @@ omega_eta and bend = omega_xi / cos(alpha), so that
 
 With beta = atan2(-p, q) the next edge's frame is T1 = -d sin(beta) + d_max cos(beta), U1 = d cos(beta) + d_max
 sin(beta), V1 = eta, and its rates are k1 = spin - beta', k2 = -bend cos(beta), w = -bend sin(beta): a chain of panels
-needs scalar functions only.
+needs scalar functions only. Derived in docs/formulation.md, (64)-(66).
 
 Functions of s are sampled on Chebyshev nodes. Matrices are applied problem by problem, so that rounding does not
 depend on the batch.
@@ -52,7 +52,6 @@ class Nodes:
         s: the nodes.
         derivative: values -> derivatives by s.
         integral: values -> integrals from the middle of the interval.
-        middle: values -> value in the middle.
     """
 
     s: Float[np.ndarray, " n"]
@@ -144,16 +143,19 @@ def roll(
     integral: Float[Tensor, "n n"],
     iterations: int = 8,
 ) -> Values:
-    """phi along an edge: solves phi = start + integral of -w - (k1 sin(phi) - k2 cos(phi)) slope by Newton's method.
+    """phi along an edge, (64): solves phi = start + integral of -w - (k1 sin(phi) - k2 cos(phi)) slope by Newton's
+    method.
 
     Each step's linear equation has an integrating factor, hence a closed form. The iterations run without gradients.
     A step all but squares the error (what the grid does not resolve leaves some of it): a problem's last one is that
     which begins with two thirds of the digits right. In grad mode two more make the result twice differentiable.
 
     Args:
+        rates: of the edge's reference frame, per s.
         slope: tan(alpha).
         start: phi in the middle of the edge.
         integral: from `Nodes`.
+        iterations: Newton steps at most.
     """
     equation = _Roll(rates.k1 * slope, rates.k2 * slope, rates.w, start[..., None], integral)
     with torch.no_grad():
@@ -199,7 +201,16 @@ class _Roll:
 
 
 def strip(rates: Rates, phi: Angle, alpha: Angle, alpha_slope: Values, t: Values, t_slope: Values) -> Strip:
-    """The panel on an edge, from its roll, rib angle and ruling length and the derivatives of the latter two by s."""
+    """The panel on an edge, from its roll, rib angle and ruling length and the derivatives of the latter two by s.
+
+    Args:
+        rates: of the lower edge's reference frame, per s.
+        phi: the roll, from `roll`.
+        alpha: the rib angle.
+        alpha_slope: its derivative by s.
+        t: ruling lengths, in the unit of s.
+        t_slope: their derivatives by s.
+    """
     omega_xi = torch.addcmul(rates.k1 * phi.sine, rates.k2, phi.cosine, value=-1)
     omega_eta = torch.addcmul(rates.k1 * phi.cosine, rates.k2, phi.sine)
     spin = alpha_slope + omega_eta
@@ -211,7 +222,12 @@ def strip(rates: Rates, phi: Angle, alpha: Angle, alpha_slope: Values, t: Values
 
 
 def next_rates(panel: Strip, derivative: Float[Tensor, "n n"]) -> Rates:
-    """Rates of the frame (T1, U1, V1 = eta) along the panel's upper edge."""
+    """Rates of the frame (T1, U1, V1 = eta) along the panel's upper edge.
+
+    Args:
+        panel: from `strip`.
+        derivative: from `Nodes`.
+    """
     bend, beta = panel.bend, panel.beta
     return Rates(
         speed=panel.next_speed,
@@ -235,6 +251,12 @@ def upper_turn(panel: Strip, t_slope: Values, t_second: Values, derivative: Floa
     """Derivatives along a panel's upper edge, from the first and second derivative of its ruling length.
 
     Only what is smooth is differentiated on the grid: a corner of the ruling length spoils nothing beside it.
+
+    Args:
+        panel: from `strip`.
+        t_slope: first derivative of the ruling length by s.
+        t_second: second derivative.
+        derivative: from `Nodes`.
     """
     smooth = torch.stack((panel.speed * panel.alpha.sine, panel.opening, panel.spin), dim=-1)
     back, opening, spin = apply(derivative, smooth).unbind(-1)
@@ -244,6 +266,12 @@ def upper_turn(panel: Strip, t_slope: Values, t_second: Values, derivative: Floa
 
 
 def turned(first: Vectors, second: Vectors, angle: Angle) -> tuple[Vectors, Vectors]:
-    """Two unit vectors at right angles, turned from the first towards the second."""
+    """Two unit vectors at right angles, turned from the first towards the second.
+
+    Args:
+        first: unit vectors.
+        second: unit vectors at right angles to the first.
+        angle: of the turn.
+    """
     sine, cosine = angle.sine[..., None], angle.cosine[..., None]
     return torch.addcmul(first * cosine, second, sine), torch.addcmul(second * cosine, first, sine, value=-1)

@@ -31,7 +31,12 @@ def chords_of(line: Float[Tensor, "k d"]) -> Float[Tensor, " k-1"]:
 
 
 def traced_series(line: Line, smoothing: Tensor | float) -> Float[Tensor, "terms 3"]:
-    """Chebyshev coefficients of the smooth curve of `smooth_series`, by the share of the polyline's length."""
+    """Chebyshev coefficients of the smooth curve of `smooth_series`, by the share of the polyline's length.
+
+    Args:
+        line: distinct points.
+        smoothing: as in `smooth_series`.
+    """
     chords = chords_of(line)
     length = torch.cat((chords.new_zeros(1), chords.cumsum(0)))
     x = 2 * length / length[-1] - 1
@@ -55,7 +60,12 @@ def _polynomials(terms: int, x: Float[Tensor, " k"]) -> Float[Tensor, "k terms"]
 
 
 def by_arc_length(series: Float[Tensor, "terms 3"], count: int) -> tuple[Float[Tensor, "count 3"], Float[Tensor, ""]]:
-    """Positions at the Chebyshev points of the arc length, and the length, of a curve given as a Chebyshev series."""
+    """Positions at the Chebyshev points of the arc length, and the length, of a curve given as a Chebyshev series.
+
+    Args:
+        series: of the positions, by a parameter in [-1, 1] that is about the share of the arc length.
+        count: Chebyshev points of the arc length.
+    """
     x = chebyshev_points(ARC_NODES)
     slope = torch.from_numpy(chebyshev_synthesis(len(series), x, 1))
     speed = (slope @ series).norm(dim=-1)

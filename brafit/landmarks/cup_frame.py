@@ -76,6 +76,12 @@ def frame_from_wire(
 def runs_backwards(wire: Float[np.ndarray, "k 3"], side: str, front: Float[np.ndarray, "3"], file: str | Path) -> bool:
     """Whether a wire runs from the outer to the inner end, if it is one of this side's breast.
 
+    Args:
+        wire: the wire line in the scan's frame.
+        side: the wearer's `left` or `right` breast.
+        front: a point in front of the wire's plane.
+        file: named in errors.
+
     Raises:
         InputError: the wire is no bow.
     """
@@ -103,6 +109,12 @@ def from_inner_end(
     outer_end: Float[np.ndarray, "3"] | None = None,
 ) -> Float[np.ndarray, "k 3"]:
     """The wire with its inner end first: as it is, or reversed if only that puts its ends at the marked ones.
+
+    Args:
+        wire: the wire line, either way round.
+        inner_end: marked, or None.
+        file: named in errors.
+        outer_end: marked, or None; it decides only where `inner_end` is not marked.
 
     Raises:
         InputError: neither end is at `inner_end`.

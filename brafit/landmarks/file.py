@@ -85,6 +85,10 @@ def read_landmarks(path: str | Path, side: str | None = None) -> Landmarks:
     A file marks one breast, or two in the list `breasts`. `side` is required; marked points, `wire` and `upper_line`
     are optional, but a misspelt or malformed one is an error. Other fields are allowed and ignored.
 
+    Args:
+        path: the file, JSON in UTF-8.
+        side: `left` or `right`; None: the first one, as where the file marks another side only.
+
     Raises:
         InputError: names the file, the field at fault and what to do.
     """
@@ -94,7 +98,11 @@ def read_landmarks(path: str | Path, side: str | None = None) -> Landmarks:
 
 
 def read_breasts(path: str | Path) -> list[Landmarks]:
-    """All breasts of a landmark file, see `read_landmarks`."""
+    """All breasts of a landmark file, see `read_landmarks`.
+
+    Raises:
+        InputError: as `read_landmarks`.
+    """
     path = Path(path)
     data = _json(path)
     _refuse_misspelt(path, data, FIELDS, "")

@@ -122,6 +122,7 @@ def check_whole_wire(landmarks: Landmarks, points: Float[np.ndarray, "n 3"], lar
     """Refuse a wire that covers only a part of the line under a breast.
 
     Args:
+        landmarks: with a wire.
         points: of one breast, if they are no more than that (`ONE_BREAST`).
         largest: size of a breast over the length of its wire that is possible.
 

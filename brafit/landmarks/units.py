@@ -25,7 +25,7 @@ DEPTH_POSSIBLE, DEPTH_USUAL = (130.0, 450.0), (190.0, 345.0)
 NEAR = 30.0
 """Median distance (mm) within which marks lie on their cloud."""
 DISTINCT = 3.0
-"""Times that another unit must do worse for one to be certain."""
+"""A unit is certain if every other one puts the marks this many times as far from the cloud."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,13 @@ class Units:
 
 
 def unit_of(value: float, possible: tuple[float, float], usual: tuple[float, float]) -> str | None:
-    """The only unit in which a length lies within the bounds, or the only usual one; None if that is not clear."""
+    """The only unit in which a length lies within the bounds, or the only usual one; None if that is not clear.
+
+    Args:
+        value: a length in a unit that is not known.
+        possible: least and largest length, mm.
+        usual: least and largest usual length, mm.
+    """
     for low, high in (possible, usual):
         fitting = [unit for unit, factor in MILLIMETRES.items() if low <= value * factor <= high]
         if len(fitting) == 1:
@@ -65,6 +71,10 @@ def wire_unit(file: Path, length: float) -> str:
 
 def body_unit(file: Path, points: Float[np.ndarray, "n 3"]) -> str:
     """The unit of a scan of a torso or a body, from its depth.
+
+    Args:
+        file: named in the error.
+        points: of the scan, in its own unit.
 
     Raises:
         InputError: two would do, or none.

@@ -60,6 +60,7 @@ def crossings(
         outline: the cut line, a polygon.
         points: on the sewing line.
         outward: unit normals there.
+        width: of the allowance, mm; 0: the cut line is the sewing line.
     """
     away = np.full(len(points), width)
     if width > 0:

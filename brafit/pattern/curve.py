@@ -25,7 +25,7 @@ _SHARES = np.linspace(0, 1, 33)
 _CELLS = 512
 """Parts of a curve whose wanted density of joints is told apart."""
 _TURN, _LEAST = 1.0, 5
-"""An arc for so many radians of turning, and so many besides, are tried first."""
+"""How many arcs are tried first: one for every _TURN radians of turning, and _LEAST besides."""
 _ORDER = 5.0
 """The error of an arc grows with about this power of its length."""
 _DAMPING = 1e-3

@@ -37,6 +37,8 @@ def write_dxf(path: str | Path, patterns: Sequence[Pattern], style: str) -> None
     DXF: block names of capitals, digits, `-` and `_`, not longer than 31 characters.
 
     Args:
+        path: the file; missing folders are made, and it is never there in part.
+        patterns: one or more, of any sizes; options are those of each.
         style: name of the style, usually the scan's or the run's.
     """
     unit = patterns[0].options.units

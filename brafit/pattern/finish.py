@@ -192,7 +192,9 @@ def finish(
 
     Args:
         pieces: from `pieces_from_panels`, with the same side.
+        options: allowances, notches, labels, limits of the checks.
         name: of the scan.
+        side: `left` or `right`, for the labels.
         date: for the labels; empty: none.
         figures: the fit's measured figures; `twist_deg_max` is checked if it is there.
     """
@@ -367,8 +369,11 @@ def _notches(
     """The notches of one edge.
 
     Args:
+        sewn: the piece's sewing lines.
+        index: which of its edges.
         outline: the cut line.
         places: from `_notch_places`.
+        options: depth of the notches.
     """
     if not places:
         return []

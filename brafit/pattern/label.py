@@ -295,7 +295,10 @@ def _roomiest(
 
     Args:
         room: prepared; where the text may be.
+        inside: the piece within its sewing lines.
         along: the direction of the lines.
+        lines: of the label.
+        notice: lines of warnings below them.
     """
     turn = np.stack((along, (-along[1], along[0])))
     outline = shapely.get_coordinates(inside) @ turn.T

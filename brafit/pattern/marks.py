@@ -21,6 +21,11 @@ def marks_on(
 
     The apex marks its foot on the cup, and the place of the nearest ridge that is nearest to it, so that both pieces
     sewn there bear it; the strap point marks the upper edge.
+
+    Args:
+        shape: the cup.
+        apex: the bust point; None: it is not marked.
+        strap_point: where the strap is sewn on; None: it is not marked.
     """
     marks = []
     if apex is not None:

@@ -67,7 +67,14 @@ class Tiling:
 
 
 def write_pdf_sheet(path: str | Path, patterns: Sequence[Pattern], title: str, note: str = "") -> None:
-    """Write patterns at true size as a single page that is as large as they need."""
+    """Write patterns at true size as a single page that is as large as they need.
+
+    Args:
+        path: the file; missing folders are made, and it is never there in part.
+        patterns: side by side if there are several.
+        title: usually the scan's name; any text.
+        note: a second line, such as the cup's side and model.
+    """
     sheet = layout_columns([column for pattern in patterns for column in pattern.drawn], GAP)
     warnings = warnings_of(patterns)
     foot = max(CONTROL, 50.0 + 5.0 * len(warnings))
@@ -94,6 +101,12 @@ def write_pdf_tiles(path: str | Path, patterns: Sequence[Pattern], title: str, n
     The first page has the control square, a map of the pages, finished dimensions and warnings. The others show their
     part of the sheet within a frame; neighbours overlap by 10 mm, and glued so that the frames and crosses meet they
     make the sheet.
+
+    Args:
+        path: the file; missing folders are made, and it is never there in part.
+        patterns: one after the other.
+        title: usually the scan's name; any text.
+        note: a second line, such as the cup's side and model.
     """
     options = patterns[0].options
     sheet = layout_columns([column for pattern in patterns for column in pattern.drawn], GAP)

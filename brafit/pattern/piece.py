@@ -133,7 +133,12 @@ class CupMark:
         return Mark(self.name, float(CubicSpline(np.arange(len(edge)), along)(self.station)))
 
     def inside(self, lower: Float[ndarray, "n 2"], upper: Float[ndarray, "n 2"]) -> Float[ndarray, "2"]:
-        """Its place in the flat panel."""
+        """Its place in the flat panel.
+
+        Args:
+            lower: the panel's lower edge laid flat.
+            upper: its upper edge.
+        """
         a, b = (CubicSpline(np.arange(len(edge)), edge)(self.station) for edge in (lower, upper))
         return (1 - self.share) * a + self.share * b
 

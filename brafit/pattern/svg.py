@@ -45,6 +45,7 @@ def write_svg(path: str | Path, patterns: Sequence[Pattern], title: str, note: s
     and its length in `data-length-mm`; in `cut` a piece is one closed path. Coordinates are exact to 1e-4 mm.
 
     Args:
+        path: the file; missing folders are made, and it is never there in part.
         patterns: side by side if there are several.
         title: usually the scan's name; any text.
         note: a second line, such as the cup's side and model.

@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from PIL import Image, ImageDraw, ImageFont
 
+from brafit.geometry.polyline import running_length
 from brafit.typeface import BOLD, PLAIN, typeface
 
 Colour = tuple[int, int, int]
@@ -45,7 +46,15 @@ class Canvas:
         colours: Int[ndarray, "n+m 3"],
         order: Int[ndarray, " n+m"],
     ) -> None:
-        """Fill polygons and dots, in the order given by their numbers, polygons first; dots all have one radius."""
+        """Fill polygons and dots, in the order given by their numbers, polygons first; dots all have one radius.
+
+        Args:
+            polygons: all of k corners, pixels.
+            dots: their middles, pixels.
+            radius: of the dots, pixels.
+            colours: of polygons, then dots, 0 to 255.
+            order: numbers of polygons and dots (those after the polygons), the first drawn first.
+        """
         size = len(polygons)
         corners = (polygons * self._finer).reshape(size, -1).tolist()
         boxes = (np.concatenate((dots - radius, dots + radius), axis=1) * self._finer - (0, 0, 1, 1)).tolist()
@@ -83,8 +92,13 @@ class Canvas:
         """A line of text, its letters `size` pixels high; not cut off at the sides while there is room.
 
         Args:
+            words: one line.
+            at: pixels from the upper left corner.
+            size: height of the letters, pixels.
             anchor: what lies at `at`, as Pillow names it; of texts that are not level it is the middle.
             angle: of the line in degrees, to the left.
+            bold: whether the face is bold.
+            colour: red, green, blue, 0 to 255.
         """
         words = " ".join("".join(c if c.isprintable() else " " for c in words).split())
         if not words:
@@ -117,7 +131,7 @@ class Canvas:
 
 def _dashed(points: Float[ndarray, "n 2"], dash: float, gap: float) -> list[Float[ndarray, "_ 2"]]:
     """The parts of a polyline that are drawn."""
-    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    along = running_length(points)
     starts = np.arange(0.0, along[-1], dash + gap)
     parts = []
     for start, end in zip(starts, np.minimum(starts + dash, along[-1]), strict=True):

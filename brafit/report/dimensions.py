@@ -56,6 +56,7 @@ def dimensions(
         shape: the cup, cup frame, mm, no batch dimension.
         pattern: its finished pieces; with ease, their lengths are those to cut, not those worn.
         apex: bust point, cup frame.
+        strap_point: cup frame, mm; None: there is none, and no distance from it.
         deviation: from `dimension_deviation`.
     """
     found: dict[Key, float] = {}
@@ -79,7 +80,14 @@ def dimension_deviation(
     apex: Float[ndarray, "3"],
     strap_point: Float[ndarray, "3"] | None = None,
 ) -> dict[Key, float]:
-    """Standard deviation of every dimension, before ease; empty without alternatives (`brafit.fitting.certainty`)."""
+    """Standard deviation of every dimension, before ease; empty without alternatives (`brafit.fitting.certainty`).
+
+    Args:
+        fit: the cup.
+        alternatives: cups a standard deviation away, in all directions that are kept.
+        apex: bust point, cup frame, mm.
+        strap_point: cup frame, mm, or None.
+    """
     if not alternatives:
         return {}
     cups = [fit, *alternatives]

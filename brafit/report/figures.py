@@ -29,6 +29,7 @@ def cup_figure(shape: CupShape, points: Float[ndarray, "n 3"] | None, title: str
     Args:
         shape: the cup, cup frame.
         points: data in the same frame and unit, if any.
+        title: above the figure.
         unit: name of the unit for the axes; empty: none.
     """
     edges = shape.edges.detach().cpu().double().numpy()

@@ -21,6 +21,7 @@ def write_index(
     """Write the page over a run: a line a scan with its picture and warnings, sortable by any figure.
 
     Args:
+        path: the page, in the run's folder.
         rows: of summary.csv.
         warnings: of each scan, of its fit and its pieces.
         folders: where each scan's files are, seen from this page; None: in a folder of its name.

@@ -36,6 +36,7 @@ def inspection_figure(
             mm.
         lines: `wire` and, if there is one, `neckline`, likewise.
         marks: landmarks by name, likewise.
+        title: above the figure.
         facts: lines of text below the pictures.
         origins: where lines and landmarks come from, by name: written beside them.
     """

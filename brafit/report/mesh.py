@@ -88,9 +88,13 @@ def write_points_ply(
     Vertex properties: x y z (double), distance (float, mm, positive outside the cup), red green blue (uchar).
 
     Args:
+        path: the file; missing folders are made, and it is never there in part.
         points: mm, in the frame that is to be written.
         distances: mm.
         limit: end of the colour scale in mm; None: a round number that 98 % of the points stay within.
+
+    Raises:
+        ValueError: not as many distances as points.
     """
     points, distances = np.asarray(points, float), np.asarray(distances, float)
     if len(points) != len(distances):
@@ -125,8 +129,10 @@ def panel_meshes(
     """A mesh for each panel, its vertices also in the flat pattern.
 
     Args:
-        shape, strips, place: as for `cup_mesh`.
+        shape: one cup (no batch dimension), cup frame, mm.
         pieces: from `pieces_from_panels`, of the same cup.
+        strips: rows of triangles across each panel.
+        place: from the cup frame to the frame that is wanted; None: the cup frame.
     """
     mesh = cup_mesh(shape, strips, place)
     meshes = []

@@ -6,6 +6,7 @@ import base64
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,69 +30,89 @@ DOTS = 6000
 _STRIPS, _FOLDS = 6, 9
 
 
-def write_report(
-    path: str | Path,
-    *,
-    row: Mapping[str, Any],
-    side: Side,
-    shape: CupShape,
-    papers: Sequence[PaperPanel],
-    gap: float,
-    points: Float[ndarray, "n 3"],
-    distances: Float[ndarray, " n"],
-    pattern: Pattern,
-    drawing: bytes,
-    dimensions: Sequence[Dimension],
-    sources: Mapping[str, str],
-    files: Sequence[str],
-    band: tuple[Sequence[Piece], Deviation] | None = None,
-    warnings: Sequence[str] = (),
-    notes: Sequence[str] = (),
-) -> None:
-    """Write one scan's page: the cup in 3D, its pieces, finished dimensions, fit figures, warnings, given and guessed.
+@dataclass(frozen=True, eq=False)
+class ScanPage:
+    """What one scan's page shows: the cup in 3D, its pieces, finished dimensions, fit figures, warnings, given and
+    guessed.
 
-    Args:
+    Attributes:
         row: the scan's row of summary.csv.
         side: right cups, which are fitted as left ones, are shown as they are worn.
         shape: the cup, cup frame, mm.
-        papers, gap: from `paper_panels` and `paper_gap`, for the view of the folding paper cup.
+        papers, gap: from `paper_panels` and `paper_gap` (mm), for the view of the folding paper cup.
         points, distances: of the fit, cup frame, mm; positive outside the cup.
+        pattern: the finished pieces.
         drawing: the pattern as SVG.
+        dimensions: finished dimensions, for their table.
         sources: for each input what was given, or what was taken in its place.
         files: other results in the same folder, to link to.
         band: sewing lines of the pieces and how uncertain each of their edges is, where that is known.
         warnings: of the fit; those of the pattern are shown with them.
         notes: what was found out about the scan, such as its unit.
     """
-    name = str(row.get("scan", pattern.name))
-    limit = distance_limit(distances)
-    about = [str(row[key]) for key in ("side", "cup", "solver") if row.get(key)]
-    about += [f"{len(papers)} panel{'s' * (len(papers) > 1)}"]
-    data = _data(side, shape, papers, points, distances, limit)
+
+    row: Mapping[str, Any]
+    side: Side
+    shape: CupShape
+    papers: Sequence[PaperPanel]
+    gap: float
+    points: Float[ndarray, "n 3"]
+    distances: Float[ndarray, " n"]
+    pattern: Pattern
+    drawing: bytes
+    dimensions: Sequence[Dimension]
+    sources: Mapping[str, str]
+    files: Sequence[str]
+    band: tuple[Sequence[Piece], Deviation] | None = None
+    warnings: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+    @property
+    def name(self) -> str:
+        """Of the scan."""
+        return str(self.row.get("scan", self.pattern.name))
+
+    @property
+    def about(self) -> str:
+        """Side, model, solver and panels, and how the fit ended."""
+        words = [str(self.row[key]) for key in ("side", "cup", "solver") if self.row.get(key)]
+        words += [f"{len(self.papers)} panel{'s' * (len(self.papers) > 1)}"]
+        return f"{text(', '.join(words))}; {text(self.row.get('reason') or '')}"
+
+
+def write_report(path: str | Path, content: ScanPage) -> None:
+    """Write one scan's page.
+
+    Args:
+        path: the page; missing folders are made, and it is never there in part.
+        content: what it shows.
+    """
+    one, limit = content, distance_limit(content.distances)
+    data = _data(one.side, one.shape, one.papers, one.points, one.distances, limit)
     body = [
-        f"<h1>{text(name)}</h1>",
-        f'<p class="soft">{text(", ".join(about))}; {text(row.get("reason") or "")}</p>',
-        _facts(row, dimensions),
-        _warnings([*warnings, *pattern.warnings]),
+        f"<h1>{text(one.name)}</h1>",
+        f'<p class="soft">{one.about}</p>',
+        _facts(one.row, one.dimensions),
+        _warnings([*one.warnings, *one.pattern.warnings]),
         "<h2>Cup and cloud</h2>",
-        _stage(limit, gap),
+        _stage(limit, one.gap),
         "<h2>Pieces</h2>",
-        _picture(drawing),
-        "" if band is None else _certainty(*band),
+        _picture(one.drawing),
+        "" if one.band is None else _certainty(*one.band),
         '<div class="columns"><section><h2>Finished dimensions</h2>',
-        _dimension_table(dimensions, pattern),
-        _nearest_wire(row, pattern),
+        _dimension_table(one.dimensions, one.pattern),
+        _nearest_wire(one.row, one.pattern),
         "</section><section><h2>Fit</h2>",
-        _figure_table(row),
+        _figure_table(one.row),
         "<h2>Given and guessed</h2>",
-        _pairs_table(sources),
-        "".join(f"<p>{text(note)}</p>" for note in notes),
-        "<h2>Files</h2><p>" + ", ".join(f'<a href="{link(file)}">{text(file)}</a>' for file in files) + "</p>",
+        _pairs_table(one.sources),
+        "".join(f"<p>{text(note)}</p>" for note in one.notes),
+        "<h2>Files</h2><p>" + ", ".join(f'<a href="{link(file)}">{text(file)}</a>' for file in one.files) + "</p>",
         "</section></div>",
         f'<script type="application/json" id="cup-data">{data}</script>',
         f"<script>{asset('viewer.js')}</script>",
     ]
-    write_text(path, page(f"{name}: bra cup", "\n".join(body)))
+    write_text(path, page(f"{one.name}: bra cup", "\n".join(body)))
 
 
 def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension]) -> str:

@@ -62,7 +62,12 @@ class PaperPanel:
 
 
 def paper_panels(shape: CupShape, panels: list[FlatPanel]) -> list[PaperPanel]:
-    """The panels of one cup (no batch dimension, mm) with their creases."""
+    """The panels of one cup (no batch dimension, mm) with their creases.
+
+    Args:
+        shape: the cup.
+        panels: the same panels laid flat, mm.
+    """
     edges = shape.edges.detach().cpu().double().numpy()
     papers = []
     for i, panel in enumerate(panels):
@@ -83,7 +88,12 @@ def paper_panels(shape: CupShape, panels: list[FlatPanel]) -> list[PaperPanel]:
 
 
 def paper_gap(shape: CupShape, papers: list[PaperPanel]) -> float:
-    """How far (mm) the edges of the folded paper cup lie from the cup's at most."""
+    """How far (mm) the edges of the folded paper cup lie from the cup's at most.
+
+    Args:
+        shape: the cup, mm.
+        papers: its panels from `paper_panels`.
+    """
     edges = shape.edges.detach().cpu().double().numpy()
     gaps = []
     for i, paper in enumerate(papers):

@@ -64,6 +64,7 @@ def fit_picture(
         points: cup frame, mm.
         distances: mm, positive outside the cup.
         shape: the cup, cup frame, mm.
+        title: above the picture.
         side: right cups, which are fitted as left ones, are drawn as they are worn.
     """
     limit = distance_limit(distances)

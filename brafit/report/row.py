@@ -23,8 +23,11 @@ def failed_row(
     """The row of a scan without a result.
 
     Args:
+        name: of the scan.
+        reason: one line with file, cause and remedy.
         model: cup, solver, panels and terms, by these keys.
-        side, points: as far as they are known.
+        side: the wearer's `left` or `right` breast; None: not known.
+        points: of the fit; None: it did not come to that.
     """
     row = {"scan": name, "status": "failed", "reason": shown(reason), **model, "side": side, "points": points}
     return {key: value for key, value in row.items() if value is not None}
@@ -34,6 +37,8 @@ def fitted_row(fit: CupFit, side: str, points: int, model: Mapping[str, Any], ne
     """The row of a fit: `ok` if it is a cup and all its figures are numbers.
 
     Args:
+        fit: the fit, with its code and figures.
+        side: the wearer's `left` or `right` breast.
         points: of the scan.
         model: cup, solver, panels and terms, by these keys.
         neckline: whether the scan has one; without it there is no distance from it.

@@ -43,6 +43,8 @@ def write_fit_json(path: str | Path, row: Mapping[str, Any], extra: Mapping[str,
     """Write one scan's row, all keys present and in order, with full digits; `null` where there is no number.
 
     Args:
+        path: the file; missing folders are made, and it is never there in part.
+        row: by the names of SUMMARY_KEYS.
         extra: further entries, nested as they like, after the row's.
 
     Raises:
@@ -84,6 +86,8 @@ def write_parquet(path: str | Path, rows: Sequence[Mapping[str, Any]], keys: Seq
     """Write all rows as Parquet, numbers with all their digits, null where there is none.
 
     Args:
+        path: the file; missing folders are made, and it is never there in part.
+        rows: by the names of SUMMARY_KEYS, and of `extra`.
         keys: columns; those that `summary.csv` has not are texts.
     """
     import pyarrow  # takes a third of a second

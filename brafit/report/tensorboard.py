@@ -88,6 +88,7 @@ class Recorder:
         """Add a 3D view.
 
         Args:
+            tag: the name under which TensorBoard lists it.
             vertices: (v, 3) float32, as the viewer shows them: it looks along -z, with y up.
             colours: (v, 3) uint8.
             faces: (f, 3) int32.

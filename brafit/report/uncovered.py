@@ -20,6 +20,7 @@ def uncovered_share(shape: CupShape, points: Float[np.ndarray, "n 3"], reach: fl
     Args:
         shape: one cup (no batch dimension), mm.
         points: the data, before thinning, in the cup's frame.
+        reach: mm.
     """
     edges = shape.edges.detach().cpu().double().numpy()
     u = (np.arange(40) + 0.5)[:, None, None] / 40

@@ -103,6 +103,7 @@ class Picture:
         """Draw everything, the farthest first.
 
         Args:
+            canvas: to draw on.
             corner: where the upper left corner of everything is to lie, pixels.
             scale: pixels to one unit of length.
         """

@@ -21,6 +21,8 @@ def closing(done: Sequence[Done], out: Path, told: bool = False) -> str:
     reason is said once; of a large run the reasons are counted as well.
 
     Args:
+        done: the scans of the run, failed and kept ones too.
+        out: the run's folder.
         told: each failure was said when it happened.
     """
     tally = Tally()

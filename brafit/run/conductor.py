@@ -42,6 +42,7 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     A scan that cannot be read or fitted becomes a row of status `failed` with its reason, and the others go on.
 
     Args:
+        job: what to do, with how many processes, and who hears of it.
         say: takes the closing table and where the results are, as a text of several lines; None: nothing is said.
 
     Returns:

@@ -50,7 +50,7 @@ def dataset(
     """The scans of a run in their order, and notes on what was passed over.
 
     Args:
-        scans: files, folders, patterns or `samples`, see `brafit.scan.find_scans`; not looked at with a manifest.
+        scans: files, folders, patterns or `samples`, see `brafit.scan.find_scans`; ignored with a manifest.
         side: `left`, `right`, `both` or None, see `brafit.scan.load_scan`.
         manifest: a table of scans, CSV or Parquet, see `read_manifest`.
         shard: `K/N`: every N-th file from the K-th on. The names are those of the whole dataset.

@@ -36,13 +36,25 @@ def _unweighted(scan: Scan) -> Target:
 
 
 def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callable[[Step], None] | None = None) -> list[CupFit]:
-    """The fits of a batch, in its order, judged by what a cup of a breast can be."""
+    """The fits of a batch, in its order, judged by what a cup of a breast can be.
+
+    Args:
+        recipe: how to fit.
+        scans: of the batch.
+        callback: called with a `Step` after every step.
+    """
     fits = recipe.fit([target_of(scan) for scan in scans], callback)
     return [judged(fit, scan) for fit, scan in zip(fits, scans, strict=True)]
 
 
 def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
-    """The fit of a scan with all that can be made of it."""
+    """The fit of a scan with all that can be made of it.
+
+    Args:
+        recipe: patterns, names and settings.
+        scan: as it was fitted.
+        fit: its cup.
+    """
     turned = ", from its outer end: turned" * scan.origin.wire_turned
     sources = {
         "points": f"{scan.path.name}, {len(scan.points)} used",

@@ -21,94 +21,79 @@ stray point is no reason to lose a good cup.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import numpy as np
-
-from brafit.anatomy.confidence import warning
+from brafit.anatomy.confidence import Bound, warning
 from brafit.fitting import CupFit, ResultCode
 from brafit.geometry.polyline import polyline_length
 from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
 
 AWAY = 0.1
-"""A place of the cup so many wire lengths from every point has no data, even where a cup of two panels is far off."""
+"""A place of the cup has no data if every point is farther away than this many wire lengths: more than a cup of two
+panels can be off a breast."""
 BEHIND = 0.05
-"""A point so many wire lengths behind the wire's plane is no breast's."""
+"""A point farther than this many wire lengths behind the wire's plane is no breast's."""
 LOOK = "look at the points and the lines with brafit-inspect"
-
-
-@dataclass(frozen=True)
-class Bound:
-    """Between which values a measure says nothing, and beyond which it refuses.
-
-    Attributes:
-        cause: what is said beyond them, with `{value}`.
-        remedy: what helps.
-        usual, possible: least and largest value that is not warned of, and that is not refused.
-    """
-
-    cause: str
-    remedy: str
-    usual: tuple[float, float]
-    possible: tuple[float, float] = (-np.inf, np.inf)
-
-    def says(self, value: float, shown: str) -> str:
-        return f"{self.cause.format(value=shown)}; {self.remedy}"
 
 
 BOUNDS: Mapping[str, Bound] = {
     "rms": Bound(
         "the cup is far from the points: RMS {value}",
-        f"{LOOK}: they may not be one breast's, or the cup needs more panels (cup.panels)",
-        (0.0, 0.035),
-        (0.0, 0.06),
+        usual=(0.0, 0.035),
+        possible=(0.0, 0.06),
+        remedy=f"{LOOK}: they may not be one breast's, or the cup needs more panels (cup.panels)",
     ),
     "p95": Bound(
         "a twentieth of the points is farther from the cup than {value}",
-        f"{LOOK}: they may not be this breast's, or the cup needs more panels (cup.panels)",
-        (0.0, 0.075),
-        (0.0, 0.12),
+        usual=(0.0, 0.075),
+        possible=(0.0, 0.12),
+        remedy=f"{LOOK}: they may not be this breast's, or the cup needs more panels (cup.panels)",
     ),
     "max": Bound(
         "a point is {value} from the cup",
-        f"{LOOK}: it may be none of the breast's; a smaller scan.outliers takes strays out",
-        (0.0, 0.12),
+        usual=(0.0, 0.12),
+        remedy=f"{LOOK}: it may be none of the breast's; a smaller scan.outliers takes strays out",
     ),
     "depth": Bound(
         "the points reach {value} out of the wire's plane, which is not like a breast",
-        f"check that wire and points belong together and have the same unit: {LOOK}",
-        (0.1, 0.6),
-        (0.04, 1.0),
+        usual=(0.1, 0.6),
+        possible=(0.04, 1.0),
+        remedy=f"check that wire and points belong together and have the same unit: {LOOK}",
     ),
     "behind": Bound(
         "{value} of the points lie behind the wire's plane, where the chest is",
-        f"check wire, upper line and side: {LOOK}",
-        (0.0, 0.02),
-        (0.0, 0.2),
+        usual=(0.0, 0.02),
+        possible=(0.0, 0.2),
+        remedy=f"check wire, upper line and side: {LOOK}",
     ),
     "wire": Bound(
         "the wire line is {value} long, wires are 150 to 350 mm",
-        "check the landmarks and their unit (scan.units): brafit-inspect draws them",
-        (150.0, 350.0),
+        usual=(150.0, 350.0),
+        remedy="check the landmarks and their unit (scan.units): brafit-inspect draws them",
     ),
     "uncovered": Bound(
         "the landmarks that nobody looked at are not plausible: {value} of their cup lies away from all points",
-        f"{LOOK}, and mark by hand what is wrong",
-        (0.0, 0.15),
-        (0.0, 0.3),
+        usual=(0.0, 0.15),
+        possible=(0.0, 0.3),
+        remedy=f"{LOOK}, and mark by hand what is wrong",
     ),
     "gap": Bound(
         "{value} of the surface between wire and upper line has no points, the cup is a guess there",
-        "scan the breast again, from below as well, or check wire and upper line with brafit-inspect",
-        (0.0, 0.1),
+        usual=(0.0, 0.1),
+        remedy="scan the breast again, from below as well, or check wire and upper line with brafit-inspect",
     ),
 }
 _SHARES = ("behind", "gap", "uncovered")
 
 
 def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
-    """The measures that `BOUNDS` judges: lengths over the wire's length, but for the wire's own (mm)."""
+    """The measures that `BOUNDS` judges: lengths over the wire's length, but for the wire's own (mm).
+
+    Args:
+        fit: the cup.
+        scan: as it was fitted.
+    """
     length = polyline_length(scan.wire)
     height = scan.points[:, 2] / length
     found = {key: fit.figures[f"{key}_mm"] / length for key in ("rms", "p95", "max")}
@@ -132,10 +117,10 @@ def judged(fit: CupFit, scan: Scan) -> CupFit:
     for key, value in measures(fit, scan).items():
         bound = BOUNDS[key]
         scale = 1.0 if key == "wire" else length
-        says = bound.says(value, f"{100 * value:.0f} %" if key in _SHARES else f"{scale * value:.1f} mm")
-        if not bound.possible[0] <= value <= bound.possible[1]:
+        says = bound.sentence(f"{100 * value:.0f} %" if key in _SHARES else f"{scale * value:.1f} mm")
+        if not bound.is_possible(value):
             faults.append(says)
-        elif not bound.usual[0] <= value <= bound.usual[1]:
+        elif not bound.is_usual(value):
             warnings.append(says)
     if faults:
         code = ResultCode.UNLIKE

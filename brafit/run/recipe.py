@@ -52,7 +52,13 @@ class Recipe:
     def fit(
         self, targets: Sequence[Target], callback: Callable[[Step], None] | None = None, threads: int = 1
     ) -> list[CupFit]:
-        """`brafit.fitting.fit_targets` by this recipe."""
+        """`brafit.fitting.fit_targets` by this recipe.
+
+        Args:
+            targets: the scans.
+            callback: called with a `Step` after every step.
+            threads: processor cores that share the scans.
+        """
         import torch
 
         from brafit.fitting import fit_targets

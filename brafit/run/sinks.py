@@ -153,8 +153,9 @@ class Board(Sink):
     """TensorBoard: each batch's course, and of some scans each one's course, patterns, picture and 3D view.
 
     Args:
-        scans: so many scans are shown one by one.
-        batches: so many batches' courses are recorded; TensorBoard becomes slow beyond some hundred.
+        scans: how many scans, the first ones, are shown one by one.
+        batches: how many batches, the first ones, have their course recorded; TensorBoard becomes slow beyond some
+            hundred.
     """
 
     def __init__(self, scans: int = 4, batches: int = 50):

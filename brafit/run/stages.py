@@ -54,7 +54,16 @@ def _recipe(source: bytes, overrides: tuple[str, ...] = ()) -> Recipe:
 def begin(
     source: bytes, scans: Sequence[str | Path], side: str | None, manifest: str | None, shard: str | None, tell: Tell
 ) -> tuple[list[ScanRef], list[str]]:
-    """Make the recipe, so that wrong settings are known before anything else, and find the scans."""
+    """Make the recipe, so that wrong settings are known before anything else, and find the scans.
+
+    Args:
+        source: the pickled maker of the recipe.
+        scans: as `find_scans` takes them.
+        side: `left`, `right`, `both`, or None: as the landmark files say.
+        manifest: a table of scans in place of `scans`, or None.
+        shard: such as `3/16`, or None.
+        tell: takes what the worker is at.
+    """
     recipe = _recipe(source)
     if recipe.scan.get("points", 1) is not None or recipe.scan.get("outliers", 1) is not None:
         open3d()  # what cannot be imported is to be known before anything else as well
@@ -63,7 +72,15 @@ def begin(
 
 
 def load(source: bytes, ref: ScanRef, out: Path, resume: bool, tell: Tell) -> list[Done | bytes]:
-    """Each breast of a file: what was kept of it or why it failed, or the scan as bytes."""
+    """Each breast of a file: what was kept of it or why it failed, or the scan as bytes.
+
+    Args:
+        source: the pickled maker of the recipe.
+        ref: the file and the breasts that are wanted of it.
+        out: the run's folder.
+        resume: take what an earlier run finished.
+        tell: takes what the worker is at.
+    """
     try:
         recipe = _recipe(source, ref.overrides)
     except BrafitError as error:
@@ -103,7 +120,14 @@ def _loaded(recipe: Recipe, ref: ScanRef, sides: Sequence[str | None], tell: Tel
 
 
 def fit(source: bytes, scans: Sequence[bytes], watched: Sequence[str], tell: Tell) -> list[bytes]:
-    """The fits of a batch, in its order; all scans of a batch have the same settings of their own."""
+    """The fits of a batch, in its order; all scans of a batch have the same settings of their own.
+
+    Args:
+        source: the pickled maker of the recipe.
+        scans: as `load` gave them.
+        watched: names of those whose course is reported one by one.
+        tell: takes a `FitStep` after every step.
+    """
     loaded = [pickle.loads(data) for data in scans]
     recipe = _recipe(source, loaded[0][0].overrides)
     names = [scan.name for *_, scan in loaded]
@@ -112,7 +136,16 @@ def fit(source: bytes, scans: Sequence[bytes], watched: Sequence[str], tell: Tel
 
 
 def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell: Tell) -> Done:
-    """The row of a fit; its files are written if it is ok, and its pictures drawn if they are asked for."""
+    """The row of a fit; its files are written if it is ok, and its pictures drawn if they are asked for.
+
+    Args:
+        source: the pickled maker of the recipe.
+        scan: as `load` gave it.
+        fit: as `fit` gave it.
+        out: the run's folder.
+        drawn: whether its pictures are wanted.
+        tell: takes what the worker is at.
+    """
     ref, k, key, loaded = pickle.loads(scan)
     recipe, cup = _recipe(source, ref.overrides), pickle.loads(fit)
     row = fitted_row(cup, loaded.side, len(loaded.points), recipe.model, loaded.neckline is not None)

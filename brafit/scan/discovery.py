@@ -56,6 +56,7 @@ def find_scans(
     are named.
 
     Args:
+        scans: an entry or a list of them, see above.
         propose: landmarks are proposed where there are none: a folder means every cloud in it, tables and arrays as in
             a pattern.
         suffixes: of clouds that readers from outside of brafit read.
@@ -110,6 +111,7 @@ def scan_names(paths: Sequence[str | Path], given: Sequence[str] = ()) -> list[s
     with a number.
 
     Args:
+        paths: of the clouds.
         given: names to take instead, empty ones aside; as many as paths, or none.
     """
     paths = [Path(path) for path in paths]

@@ -20,7 +20,7 @@ from brafit.scan.marked import Marked, origin_of
 from brafit.underwires.sizes import wire_size
 
 WIRE_POINTS = 151
-"""Of a wire of a given size: so many that their chords are no 0.01 mm shorter than the wire."""
+"""Points of a wire of a given size: enough for their chords to be less than 0.01 mm shorter than the wire."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +75,8 @@ def framed(marked: Marked, side: str | None, wire: str | None) -> Framed:
     """A side's breast in its cup frame.
 
     Args:
+        marked: the cloud with the marks of one or both breasts.
+        side: `left` or `right`; None: the one that is marked first.
         wire: None: as it is marked, detected where it is not; `detect`; or a size.
 
     Raises:
@@ -92,6 +94,10 @@ def framed(marked: Marked, side: str | None, wire: str | None) -> Framed:
 def frame_of(cloud: Cloud, marks: Landmarks) -> CupFrame:
     """The cup frame of marks that have a wire.
 
+    Args:
+        cloud: with the flag of its points, if there is one.
+        marks: with a wire, its inner end first.
+
     Raises:
         InputError: the wire is no bow, does not end at the marked ends, or runs the wrong way round for its side.
     """
@@ -106,6 +112,10 @@ def inner_end_first(marked: Marked, marks: Landmarks) -> tuple[Landmarks, bool]:
     The marked ends say which is which; where none is marked the file's side does, and on a torso the end that is nearer
     to the body's middle. Arrays may be a scan's own, in the cup frame, where right breasts are mirrored: of them the
     side is wrong.
+
+    Args:
+        marked: the cloud with the marks of one or both breasts.
+        marks: of the breast, with a wire.
 
     Raises:
         InputError: the wire is no bow, or does not end at the marked inner end.

@@ -147,7 +147,9 @@ def load_scan(
     Args:
         path: the cloud's file, or the cloud where it has been read; its landmark file has the same stem and the
             extension `.json`.
-        points, outliers, neighbours: see `brafit.surface.cleaning` (there `points` is `count`).
+        points: points of the fit at most, evenly spread (`brafit.surface.cleaning.thin`); None: all.
+        outliers: standard deviations above the mean distance to the neighbours at which a point is one; None: none is.
+        neighbours: as many as that distance is taken to.
         name: name of the scan; the file's stem if None.
         side: the breast to take, `left` or `right`; None: the one that the landmark file marks (first). One that it
             does not mark gets the other's marks, mirrored at the body's plane of symmetry.
@@ -160,7 +162,10 @@ def load_scan(
             `brafit.scan.region.ALIKE`.
         bridge: assume a surface where there are no data (`Scan.assumed`).
         landmarks: the landmark file, if it is not beside the cloud; or the marks of one breast.
-        read_seconds, mesh_points, apart, readers: see `read_cloud`.
+        read_seconds: time limit of the reader, s.
+        mesh_points: points to sample on a mesh.
+        apart: read the file in a process of its own, see `read_cloud`.
+        readers: of other kinds of files, see `read_cloud`.
 
     Raises:
         InputError: one line naming file, cause and remedy.
@@ -212,8 +217,22 @@ def load_sides(
     """Load breasts of one cloud: it is read once, and what both sides need is found once.
 
     Args:
-        path: see `load_scan`, as for all further settings.
+        path: the cloud's file, or the cloud where it has been read.
         sides: the breasts to take, each as `side` of `load_scan`.
+        points: as of `load_scan`, with all that follow.
+        outliers: standard deviations from which on a point is one; None: none is.
+        neighbours: of each point, by which outliers are judged.
+        name: of all these scans; the file's stem if None.
+        units: of cloud and landmark file; None: as they say, else found.
+        wire: None: as marked, detected where it is not; `detect`; or a size.
+        propose: propose landmarks where there is no landmark file.
+        symmetry: take both breasts' points for either cup, where they are mirror images.
+        bridge: assume a surface where there are no data.
+        landmarks: a landmark file that is not beside the cloud, or the marks of one breast.
+        read_seconds: time limit of the reader, s.
+        mesh_points: points to sample on a mesh.
+        apart: read the file in a process of its own.
+        readers: of other kinds of files, see `read_cloud`.
 
     Returns:
         for each side what `load_scan` gives, or the error that it raises.

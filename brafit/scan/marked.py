@@ -114,6 +114,7 @@ def with_marks(raw: Cloud, marks: Path | Landmarks, units: str | None, propose: 
     """A cloud as it was read, and the marks in its landmark file.
 
     Args:
+        raw: the cloud.
         marks: the landmark file, or the marks themselves.
         units: the unit of both, if it is said.
         propose: propose marks where there is no such file.

@@ -22,10 +22,11 @@ from brafit.surface.cleaning import Tidy, tidy
 from brafit.surface.symmetry import Mirror, apart
 
 REGION, MARGIN = 0.8, 40.0
-"""What lies farther from the middle of the wire than so many wire lengths, and so many mm farther than the upper line,
-is not looked at. Breasts with their edge lie within 0.62 wire lengths."""
+"""Points are left out if they lie farther from the middle of the wire than REGION wire lengths, and more than MARGIN mm
+farther than the upper line. Breasts with their edge lie within 0.62 wire lengths."""
 OWN = 1.0
-"""A place nearer than this (mm) to a point stands for it, after averaging in voxels."""
+"""A removed place nearer than this (mm) to a point of the scan itself counts as that point, and not as one of the
+mirrored breast: averaging in voxels moves points a little."""
 DIGITS = 9
 """Digits after the point that coordinates (mm) keep in the cup frame, so that nothing later depends on the last digits
 of a transformation."""
@@ -41,7 +42,7 @@ class Gathered:
     Attributes:
         tidied: the points.
         whole: they are part of more than one breast and its margin.
-        elsewhere: points of the scan that were not looked at.
+        elsewhere: points of the scan that were left out, far from the breast.
         other_side: points of the other breast that were added.
         alike: rms (mm) between the two breasts, if the points of both were taken.
     """

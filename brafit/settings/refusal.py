@@ -46,7 +46,9 @@ def refusal(error: BaseException, overrides: Sequence[str], known: Known) -> str
     """The line for what composing the configuration raised.
 
     Args:
+        error: what Hydra or OmegaConf raised.
         overrides: the command line's arguments.
+        known: the settings that there are.
     """
     text, cause = str(error), error.__cause__ or error
     if isinstance(error, OverrideParseException):

@@ -258,6 +258,8 @@ def levelled(
     """The body with what is raised at some vertices brought down to the surface that a membrane would make.
 
     Args:
+        vertices: of the body, mm.
+        faces: corners of its triangles.
         there: the vertices that move.
         left: what share of the height is left, 0 to 1.
     """

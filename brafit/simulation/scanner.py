@@ -72,7 +72,14 @@ def seen(
     faces: Int[np.ndarray, "f 3"],
     cameras: Float[np.ndarray, "c 3"],
 ) -> Bool[np.ndarray, " n"]:
-    """Which points of a mesh's surface at least one camera sees: nothing in the way, and not too slantwise."""
+    """Which points of a mesh's surface at least one camera sees: nothing in the way, and not too slantwise.
+
+    Args:
+        points: on the mesh.
+        vertices: of the mesh, mm.
+        faces: corners of its triangles.
+        cameras: directions to them from the middle of the mesh; any length.
+    """
     o3d = open3d()
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(

@@ -1,4 +1,6 @@
-"""Clouds with a known truth: the quarter sphere of the paper's Case (1) and points on a given cup, Case (2)."""
+"""Clouds with a known truth: the quarter sphere of the paper's Case 1 and points on a given cup, its Case 2
+(docs/formulation.md, section 6).
+"""
 
 from __future__ import annotations
 
@@ -8,13 +10,20 @@ from jaxtyping import Float
 from torch import Tensor
 
 from brafit.cup.shape import CupShape
+from brafit.geometry.hermite import hermite, hermite_slope
 
 PAPER_RADIUS = 1 / 2.91
 """Radius of the paper's wire and sphere: its wire has the constant omega (0, 2.91, 0)."""
 
 
 def quarter_sphere(n: int, radius: float, generator: np.random.Generator) -> Float[Tensor, "n 3"]:
-    """Points uniform by area on {|p - (0, R, 0)| = R, x > 0, z > 0}, in the cup frame (paper, section 5, Case (1))."""
+    """Points uniform by area on {|p - (0, R, 0)| = R, x > 0, z > 0}, in the cup frame (the paper's Case 1).
+
+    Args:
+        n: number of points.
+        radius: R, in any unit.
+        generator: of the random numbers.
+    """
     direction = generator.standard_normal((n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     # The sphere's symmetry: reflecting three of its quarters into the fourth keeps the distribution uniform.
@@ -23,11 +32,19 @@ def quarter_sphere(n: int, radius: float, generator: np.random.Generator) -> Flo
 
 
 def on_panels(shape: CupShape, n: int, generator: np.random.Generator) -> Float[Tensor, "n 3"]:
-    """Points uniform by area on all panels of one cup (no batch dimension), in its unit (paper, section 5, Case (2)).
+    """Points uniform by area on all panels of one cup (no batch dimension), in its unit (the paper's Case 2).
 
     Between stations the edges are interpolated by cubic Hermite polynomials with their tangents (error h^4/384 times
     the fourth derivative), far below what linear interpolation of the rulings would leave. Uniformity comes from
     rejection against the area element |dX/ds x dX/du| of X(s, u) = (1 - u) lower(s) + u upper(s).
+
+    Args:
+        shape: one cup.
+        n: number of points.
+        generator: of the random numbers.
+
+    Raises:
+        ValueError: the shape has a batch dimension.
     """
     edges, tangents = (t.detach().cpu().double().numpy() for t in (shape.edges, shape.tangents))
     stations = shape.stations.detach().cpu().double().numpy()
@@ -69,10 +86,10 @@ def _hermite(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions and derivatives of the edges at s."""
     k = np.clip(np.searchsorted(stations, s, side="right") - 1, 0, len(stations) - 2)
-    h = (stations[k + 1] - stations[k])[:, None]
-    q = (s[:, None] - stations[k][:, None]) / h
-    a, b = edges[edge, k], edges[edge, k + 1]
-    da, db = h * tangents[edge, k], h * tangents[edge, k + 1]
-    position = a + q * (da + q * (3 * (b - a) - 2 * da - db + q * (2 * (a - b) + da + db)))
-    derivative = da + q * (2 * (3 * (b - a) - 2 * da - db) + 3 * q * (2 * (a - b) + da + db))
-    return position, derivative / h
+    steps = stations[k + 1] - stations[k]
+    tau, h = torch.from_numpy((s - stations[k]) / steps), torch.from_numpy(steps)
+    samples = np.stack((edges[edge, k], edges[edge, k + 1], tangents[edge, k], tangents[edge, k + 1]), axis=1)
+    position, derivative = (
+        (weights.numpy()[:, :, None] * samples).sum(axis=1) for weights in (hermite(tau, h), hermite_slope(tau, h))
+    )
+    return position, derivative / steps[:, None]

@@ -19,14 +19,14 @@ from brafit.surface.neighbours import Neighbours, nearest
 from brafit.surface.normals import NEIGHBOURS, Surface, links, on_surface, parts, settle, surface_of
 
 SURPLUS, SLACK = 1.2, 1.25
-"""Occupied voxels, over the points wanted: what is aimed at and what will do. The excess is what crowded points are
-taken out of: the means of neighbouring voxels can lie close together."""
+"""Ratio of occupied voxels to wanted points: what the search aims at, and the most that it accepts. The means of
+neighbouring voxels can lie close together; the most crowded of the surplus are then removed."""
 DENSE = 32_000
-"""More points than this about a breast say nothing more about it: they are averaged in voxels first."""
+"""More points than this about a breast add nothing; they are averaged in voxels first."""
 SCATTER_PLACES, SCATTER_RADIUS = 1000, 6.0
 """Places at which noise is measured, and the radius (mm) of the plane about each."""
 LONELY = 3.0
-"""A point whose neighbours are so many times as far away as is usual is on no surface."""
+"""A point is on no surface if the mean distance to its neighbours is more than LONELY times the cloud's median."""
 ISLAND = 0.05
 """A part that hangs together with nothing else goes if it is smaller than this share of the largest: scanners cut real
 surfaces into large parts (shadows) and put small ones where nothing is."""
@@ -40,7 +40,7 @@ class Cleaning:
         read: points in the file (or sampled on its mesh).
         other_side: points of the other breast that were added, mirrored.
         not_finite: coordinates NaN, infinite or absurdly large.
-        elsewhere: far from the breast, not looked at.
+        elsewhere: far from the breast, left out.
         duplicates: repetitions of a point.
         outliers: removed as statistical outliers.
         off_surface: floating beside the surface that their neighbours make up.
@@ -110,6 +110,13 @@ def clean(
 ) -> tuple[Float[np.ndarray, "m 3"], Cleaning]:
     """Clean and thin a cloud (cup frame, millimetres): `tidy`, then `finish` by the flag.
 
+    Args:
+        points: in any order; repeated ones count once.
+        inside: the cloud's flag; None: there is none, and all points are kept.
+        count: points at most; None: all.
+        outliers: see `tidy`; None: only repeated points go.
+        neighbours: see `tidy`.
+
     Raises:
         ConfigError: a setting out of its range.
     """
@@ -131,7 +138,8 @@ def tidy(
     Outliers are sought among all points, so that the rim of the breast has its neighbours from the margin.
 
     Args:
-        points, inside: the cloud (z towards the front, mm) and its flag.
+        points: the cloud, z towards the front, mm.
+        inside: its flag; None: it has none.
         outliers: a point goes when its mean distance to its neighbours exceeds the cloud's mean of it by this many
             standard deviations; None keeps all points but repeated ones.
         neighbours: the number of neighbours for that.
@@ -205,8 +213,11 @@ def finish(
     """The breast's points of a tidied cloud, thinned to `count` (see `thin`).
 
     Args:
+        tidied: the cloud, from `tidy`.
         curve: the closed curve of wire and neckline to cut along; None: nothing but the flag decides.
-        not_finite, elsewhere: points that were left out before, for the counts.
+        count: points at most; None: all.
+        not_finite: points that reading left out, for the counts.
+        elsewhere: points far from the breast that were left out before, for the counts.
         other_side: how many of the points were added to those that were read.
     """
     chosen = tidied.inside
@@ -242,7 +253,13 @@ def _scatter(surface: Surface, breast: np.ndarray) -> float:
 
 
 def inliers(points: Float[np.ndarray, "n 3"], neighbours: int, deviations: float) -> Bool[np.ndarray, " n"]:
-    """Mask of the points that Open3D's statistical outlier removal keeps."""
+    """Mask of the points that Open3D's statistical outlier removal keeps.
+
+    Args:
+        points: distinct ones.
+        neighbours: of each point.
+        deviations: above the mean distance to them.
+    """
     _, mask = _cloud(points).remove_statistical_outliers(neighbours, deviations)
     return mask.numpy().astype(bool)
 
@@ -254,6 +271,7 @@ def lonely(known: Neighbours, neighbours: int) -> Bool[np.ndarray, " n"]:
 
     Args:
         known: the neighbours of each point, at least `neighbours` and itself.
+        neighbours: as many as the mean is taken of.
     """
     distance = known.distances[:, 1 : min(neighbours + 1, known.count)].mean(axis=1)
     return distance > LONELY * np.median(distance)
@@ -265,6 +283,10 @@ def thin(points: Float[np.ndarray, "n 3"], count: int | None) -> tuple[Float[np.
     Points in a voxel are replaced by their mean; the voxel edge is sought so that a fifth more voxels are occupied than
     points wanted, and of these the most crowded go (`uncrowd`). So exactly `count` points come back, or all distinct
     ones where there are no more. Sorted; independent of the input's order.
+
+    Args:
+        points: in any order.
+        count: points at most; None: all distinct ones.
     """
     points = distinct(points)
     if count is None or len(points) <= count:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
+
+from brafit.geometry.polyline import nearest_on
 
 NEIGHBOURS = 16
 """Neighbours that bound a point's cell."""
@@ -29,6 +29,7 @@ def point_weights(
     of a hole stand for part of it, instead of leaving it to whatever is cheapest.
 
     Args:
+        points: in any unit, on a surface.
         curve: the closed curve that bounds the surface, if there is one.
     """
     if len(points) <= NEIGHBOURS:
@@ -84,16 +85,3 @@ def spacing_of(points: Float[np.ndarray, "n 3"]) -> float:
     """Typical distance of an evenly spread cloud's points to the nearest six."""
     count = min(7, len(points))
     return float(np.median(np.asarray(KDTree(points).query(points, k=count)[0])[:, 1:].mean(axis=1)))
-
-
-def nearest_on(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "n 3"]:
-    """The nearest place of a polyline to each point."""
-    best, foot = np.full(len(points), np.inf), np.zeros_like(points)
-    for a, b in itertools.pairwise(line):
-        step = b - a
-        share = np.clip((points - a) @ step / max(float(step @ step), 1e-30), 0, 1)
-        place = a + share[:, None] * step
-        square = ((points - place) ** 2).sum(axis=1)
-        nearer = square < best
-        best[nearer], foot[nearer] = square[nearer], place[nearer]
-    return foot

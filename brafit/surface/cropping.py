@@ -72,6 +72,10 @@ def neckline_over(
     breasts the given necklines are such sections, to a thousandth of a millimetre.
 
     Args:
+        surface: about the breast, mm.
+        inner: the wire's inner end.
+        strap: where the strap is.
+        outer: the wire's outer end.
         front: where the breast looks to, see `facing`.
         count: points of each half.
     """

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 SPARE = 4
-"""So many more neighbours are looked up than asked for: a point that loses some need not be looked up again."""
+"""Neighbours that are looked up beyond those asked for: a point that loses some need not be looked up again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class Neighbours:
     Attributes:
         points: the cloud.
         distances, near: of the neighbours and their indices; beyond what is known infinite, and the point itself.
-        count: so many columns are complete.
+        count: the first `count` columns are complete.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -63,6 +63,9 @@ def nearest(
     """Distances and indices of a tree's points nearest to each place, nearest first: one column each, also for one.
 
     Args:
+        tree: of the points.
+        places: in the unit of the points.
+        count: points to each place.
         within: what is farther is not looked for: infinite distances, and the number of points as index.
     """
     wanted: Any = np.arange(1, count + 1)
@@ -75,7 +78,7 @@ def distances_to(
 ) -> Float[np.ndarray, " k"]:
     """Distances of a few places from a cloud; infinite for those farther than `reach`.
 
-    Only the points in the places' box are looked at, so that no tree of the whole cloud is made.
+    Only the points in the places' box count, so that no tree of the whole cloud is made.
     """
     low, high = places.min(axis=0) - reach, places.max(axis=0) + reach
     near = points[((points >= low) & (points <= high)).all(axis=1)]

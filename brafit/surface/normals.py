@@ -28,7 +28,7 @@ neighbour counts as 1.8 of it on a plane)."""
 FACING = 0.3
 """Least cosine between the normals of linked points."""
 WIDTH = 4.0
-"""A point so many times the cloud's noise off the plane of its neighbours floats."""
+"""A point floats if it is off the plane of its neighbours by more than WIDTH times the cloud's noise."""
 CHEAP = 0.2
 """A link whose ends' normals differ by less than this (one less the cosine, and a share of the length) costs little."""
 BEHIND = 0.2
@@ -36,9 +36,10 @@ BEHIND = 0.2
 BELL = 1.0001
 """The foot of the bell in `settle` over its radius: so that the last of the 8 nearest has some weight."""
 LEAST, MOST = 8, 64
-"""Points that a place is drawn to, at least and at most."""
+"""Points whose mean plane `settle` uses for a place, at least and at most."""
 PASSES, FEW = 3, 500
-"""What floats is taken out so many times, or until it is one point in so many: it spoils its neighbours' planes too."""
+"""Floating points are taken out up to PASSES times, since each spoils its neighbours' planes too; fewer times, once
+less than one point in FEW floats."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +159,8 @@ def nearest_source(
 
     Args:
         graph: symmetric, as `links` gives it.
+        sources: indices of points.
+        limit: the longest way, in the graph's unit.
     """
     lengths, _, origin = csgraph.dijkstra(
         graph, directed=True, indices=sources, min_only=True, return_predecessors=True, limit=limit
@@ -172,6 +175,11 @@ def settle(
 
     The surface near a place is the plane through the weighted mean of the points within `radius` (or of the 8 nearest,
     where there are fewer), with a bell of that radius as weights. Only points that face as the nearest one does count.
+
+    Args:
+        surface: with outward normals.
+        places: near the surface, in its unit.
+        radius: in its unit.
     """
     distances, near, radius_of = _within(surface, places, radius)
     normals = surface.normals[near]
@@ -238,6 +246,9 @@ def _one_side(
     Parts of the graph that hang together only by longer links are joined by these, at a high price.
 
     Args:
+        normals: unit normals, to either side.
+        distances: of each point to its neighbours, itself first.
+        near: indices of the neighbours, itself first.
         outwards: a direction for each point to which its normal may look: where all neighbours then agree, no tree is
             needed.
     """

@@ -13,11 +13,11 @@ CLEAR = 1e-3
 """Where the least eigenvalue is nearer to the next one than this, as a share of their spread (about), the closed form
 would lose digits, and LAPACK is asked instead."""
 CHUNK = 1024
-"""Points whose neighbours are looked at together: so that they stay in the processor's cache."""
+"""Points that are computed together, few enough for the processor's cache."""
 LEAST = {np.dtype(np.float64): 1e-100, np.dtype(np.float32): np.float32(1e-12)}
 """A spread (of eigenvalues whose largest entry is 1) that counts as none."""
 ROUNDS = 3
-"""In which a plane is fitted again without what lies far off it."""
+"""Times that a plane is fitted, each time with less weight on what lay far off it the time before."""
 
 
 def least_axes(moments: Float[np.ndarray, "6 n"]) -> Float[np.ndarray, "3 n"]:
@@ -58,6 +58,7 @@ def normals_at(points: Float[np.ndarray, "n 3"], near: Int[np.ndarray, "m k"]) -
     """Unit normals, to either side, of the planes through groups of points.
 
     Args:
+        points: in any unit.
         near: indices of each group's points.
     """
     columns = np.ascontiguousarray(points.T)
@@ -77,6 +78,7 @@ def distances_off(
     for it.
 
     Args:
+        points: in any unit, about a few mm apart if that is mm.
         chosen: indices of the points.
         near: indices of each one's neighbours.
     """

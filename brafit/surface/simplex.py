@@ -25,8 +25,10 @@ def minimised(
 
     Args:
         loss: of many points.
-        xatol, fatol: a simplex stops when its corners and their losses are so near to the best one.
-        rounds: or after so many, less one.
+        starts: one a row.
+        xatol: a simplex stops when its corners are so near to the best one, in every coordinate, and
+        fatol: their losses so near to the least.
+        rounds: at most `rounds` - 1 rounds are done.
     """
     b, d = starts.shape
     corners = np.repeat(starts[:, None], d + 1, axis=1)

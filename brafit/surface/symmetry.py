@@ -70,7 +70,7 @@ def mirror_of(points: Float[np.ndarray, "n 3"]) -> Mirror:
 
 
 def _along_the_body(points: np.ndarray, count: int) -> np.ndarray:
-    """About `count` of the distinct points, every so many along the body's own longest axis."""
+    """About `count` of the distinct points, evenly picked along the body's own longest axis."""
     single = distinct(points)
     centred = single - single.mean(axis=0)
     along = centred @ np.linalg.eigh(np.cov(centred.T))[1][:, 2]
@@ -88,6 +88,11 @@ def apart(one: Surface, other: Surface, places: Float[np.ndarray, "n 3"]) -> flo
 
     Each surface is the mean plane of its points about a place, so that noise averages out. Infinite if they share less
     than half of the places.
+
+    Args:
+        one: with outward normals, mm.
+        other: likewise, in the same frame.
+        places: of the first surface.
     """
     chosen = places[:: max(1, len(places) // COMPARED)]
     radius = max(PATCH, 3 * max(one.spacing, other.spacing))

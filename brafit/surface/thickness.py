@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 PLACES = 200
-"""Places at which a cloud is looked at."""
+"""Places at which a cloud's thickness is measured."""
 REACH, LEAST = 0.12, 12
 """Radius of a place's surroundings, over the diagonal of the cloud's box, and how many points they have at least."""
 THICK = 0.45

@@ -92,7 +92,9 @@ def chart_of(maker: str, style: str | None, size: int) -> Chart:
     """The chart of a maker that has this wire.
 
     Args:
+        maker: as `scan.wire` has it.
         style: one of `STYLES`; None: the maker's only one, or else its regular one.
+        size: an even number, 30 to 60.
 
     Raises:
         ConfigError: it does not sell such a wire.

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from brafit.errors import ConfigError
+from brafit.geometry.polyline import running_length
 from brafit.underwires.charts import CHARTS, REGULAR, SHORT, Chart, chart_of, diameter, sold, usual_length
 
 LENGTHS, RADII = (80.0, 600.0), (30.0, 200.0)
@@ -49,7 +50,7 @@ class WireSize:
             deep = _depth(self.radius, self.length)
         angle = np.linspace(-self._angle, self._angle, _FINE)
         fine = np.stack([deep * np.cos(angle), self.radius * np.sin(angle)], axis=1)
-        steps = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1)))
+        steps = running_length(fine)
         angle = np.interp(np.linspace(0, steps[-1], count), steps, angle)
         across = self.radius * (np.sin(angle) + np.sin(self._angle))
         return np.stack([deep * (np.cos(angle) - np.cos(self._angle)), across], axis=1)

@@ -21,7 +21,7 @@ from brafit.cup.condition import (
     station_weights,
 )
 from brafit.cup.shape import CupShape
-from brafit.geometry.nearest import sample_table
+from brafit.geometry.panels import sample_table
 
 
 def line(batch: int = 2, count: int = 9) -> torch.Tensor:

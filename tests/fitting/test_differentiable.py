@@ -15,6 +15,8 @@ from torch import Tensor
 from brafit.cup import FramesCup, StripsCup, Wire
 from brafit.fitting import LM, Conditions, DifferentiableFit, FittedCups, LMStage, Target, TensorTarget, fit_targets
 from brafit.fitting.objective import WEIGHTS
+from brafit.geometry.development import FlatPanel
+from brafit.pattern import pieces_from_panels
 from brafit.simulation.synthetic import on_panels
 
 SCALE = 70.0
@@ -244,3 +246,22 @@ def test_what_is_no_differentiable_fit_is_refused():
         TensorTarget.of(target, weights=torch.ones(260))
     with pytest.raises(ValueError, match=r"points have the shape \(3, 3\), the target's \(260, 3\)"):
         TensorTarget.of(target, points=torch.zeros(3, 3, dtype=torch.float64))
+
+
+def test_extents_are_those_of_the_pieces_and_move_with_their_outermost_points(batch):
+    cups = batch.cups
+    for k in range(2):
+        panels = [
+            FlatPanel(*edges) for edges in zip(cups.flat.lower[k].detach(), cups.flat.upper[k].detach(), strict=True)
+        ]
+        boxes = [
+            np.ptp(np.vstack([edge.points for edge in piece.edges]), axis=0) for piece in pieces_from_panels(panels)
+        ]
+        np.testing.assert_allclose(cups.extents()[k].detach(), boxes, atol=1e-9)
+    lower = torch.tensor([[0.0, 0], [3, -1], [8, 0]], dtype=torch.float64).expand(1, 1, 3, 2).clone().requires_grad_()
+    upper = torch.tensor([[0.0, 0], [9, 4], [8, 0]], dtype=torch.float64).expand(1, 1, 3, 2).clone().requires_grad_()
+    extents = replace(cups, flat=FlatPanel(lower, upper)).extents()
+    torch.testing.assert_close(extents, torch.tensor([[[9.0, 5.0]]], dtype=torch.float64))
+    by_lower, by_upper = torch.autograd.grad(extents[0, 0, 1], (lower, upper))
+    assert by_lower[0, 0].tolist() == [[0, 0], [0, -1], [0, 0]]
+    assert by_upper[0, 0].tolist() == [[0, 0], [0, 1], [0, 0]]

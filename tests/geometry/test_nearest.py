@@ -15,18 +15,14 @@ from surfaces import LENSES, stations
 from brafit.cup.shape import CupShape
 from brafit.geometry import nearest
 from brafit.geometry.nearest import (
-    Feet,
-    Sums,
     foot_directions,
     nearest_feet,
     nearest_on_curve,
     project,
-    sample_table,
     sampled_distances,
     signed_distance,
-    surface_normals,
-    surface_points,
 )
+from brafit.geometry.panels import Feet, Sums, sample_table, surface_normals, surface_points
 
 
 def random_cup(seed: int = 0, panels: int = 2, n: int = 41) -> CupShape:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
 
-from brafit.geometry.polyline import distances, distinct, evenly_spaced
+from brafit.geometry.polyline import distances, distinct, evenly_spaced, running_length
 from brafit.geometry.smoothing import chord_parameter, smooth_series
 
 
@@ -58,3 +58,9 @@ def test_smoothing_keeps_ends_and_gentle_arcs(smoothing):
         np.testing.assert_allclose(curve[[0, -1]], points[[0, -1]], atol=1e-9)
         if points is line:
             np.testing.assert_allclose(distances(curve, line), 0, atol=0.01)
+
+
+def test_running_length_of_a_circle_is_its_chords():
+    angle = np.linspace(0, np.pi, 31)
+    circle = 2 * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    np.testing.assert_allclose(running_length(circle), np.arange(31) * 4 * np.sin(np.pi / 60), rtol=1e-12)

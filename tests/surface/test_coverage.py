@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from breasts import RADIUS, cup_frame_landmarks, cup_frame_points, rotation
 
-from brafit.surface.coverage import cell_areas, nearest_on, point_weights
+from brafit.geometry.polyline import nearest_on
+from brafit.surface.coverage import cell_areas, point_weights
 
 CENTRE = np.array([0.0, RADIUS, 0.0])
 AREA = np.pi * RADIUS**2
