@@ -20,7 +20,7 @@ from brafit.cup.base import Linearised
 from brafit.fitting.objective import Block, Objective, Pressure
 from brafit.geometry.nearest import project
 from brafit.geometry.panels import Feet, Sums
-from brafit.geometry.products import aligned, total, weighted_rows
+from brafit.geometry.products import aligned, evenly, total, weighted_rows
 
 POINTS = 1 << 14
 """Points whose feet are held at a time, over all problems: what the processor's caches hold."""
@@ -261,7 +261,7 @@ def _jacobian(block: Block, linear: Linearised, objective: Objective) -> Float[T
         return block.gaps.columns(linear.table, last).flatten(1, 2)
     if block.name == "regularity":
         c = objective.conditions
-        fading = torch.sigmoid((c.margin - linear.margin) / c.margin_width)
+        fading = evenly(torch.sigmoid, (c.margin - linear.margin) / c.margin_width)
         return (-fading[..., None] * linear.margin_columns).flatten(1, 2)
     return linear.unfairness_columns if block.name == "fairness" else linear.constraints[block.name]
 
