@@ -28,6 +28,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -177,12 +178,10 @@ def poison(scans: Path, good: Path) -> dict[str, str]:
 def fell(name: str, stop: threading.Event) -> None:
     """Make every process fall that has a file open whose name has this in it: its reader dies of it."""
     while not stop.wait(0.05):
-        for link in Path("/proc").glob("[0-9]*/fd/*"):
-            try:
-                if name in os.readlink(link):
-                    os.kill(int(link.parts[2]), signal.SIGSEGV)
-            except OSError:
-                continue
+        for process in filter(str.isdigit, os.listdir("/proc")):
+            with suppress(OSError):  # it has ended meanwhile
+                if any(name in os.readlink(link) for link in os.scandir(f"/proc/{process}/fd")):
+                    os.kill(int(process), signal.SIGSEGV)
 
 
 def check_poison(folder: Path, work: Path, count: int = 450) -> None:

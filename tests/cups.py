@@ -59,6 +59,6 @@ def varied(cup: Cup, amount: float = 0.05) -> Tensor:
     start = cup.flatten().detach()
     change = near(cup, amount, seed=4) - start
     order = torch.arange(cup.terms, dtype=start.dtype).repeat(2 * cup.panels)
-    change = change / (1 + torch.cat((start.new_zeros(cup.panels), order, start.new_zeros(2))) ** 2)
-    change[:, -2:] = 0
+    change = change / (1 + torch.cat((start.new_zeros(cup.panels), order, start.new_zeros(3))) ** 2)
+    change[:, -3:] = 0
     return start + change

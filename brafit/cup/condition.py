@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import softplus
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, unit
@@ -16,6 +17,7 @@ from brafit.geometry.hermite import hermite, hermite_slope
 from brafit.geometry.moving import slid
 from brafit.geometry.nearest import nearest_on_curve
 from brafit.geometry.panels import gather_rows, weighted
+from brafit.geometry.products import evenly
 
 Points = Float[Tensor, "batch m 3"]
 
@@ -196,4 +198,4 @@ def shortfall(margin: Tensor, bound: float, width: float) -> Tensor:
         bound: where the barrier is to hold them.
         width: over which the barrier fades.
     """
-    return width * torch.nn.functional.softplus((bound - margin) / width)
+    return width * evenly(softplus, (bound - margin) / width)

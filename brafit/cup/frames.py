@@ -22,6 +22,7 @@ from brafit.geometry.developable import (
     rulings,
     twist_determinant,
 )
+from brafit.geometry.products import evenly
 from brafit.geometry.ritz import ritz_basis, ritz_sum
 from brafit.geometry.rotation import product, rotation_exp
 
@@ -146,7 +147,7 @@ class FramesCup(Cup):
         chord = self._wire_lines[0, :, -1].norm(dim=-1, keepdim=True)
         reach = reaches.clamp_min(1e-2 * LENGTH)
         radius = (reach.square() + chord.square() / 4) / (2 * reach)
-        half = 2 * torch.atan2(2 * reach, chord)
+        half = 2 * evenly(torch.atan2, 2 * reach, chord.expand_as(reach))
         arc = 2 * radius * half
         zero = torch.zeros_like(angles)
         outward = torch.stack((torch.cos(angles), zero, torch.sin(angles)), dim=-1)

@@ -9,7 +9,8 @@ from torch import Tensor, nn
 from brafit.cup.wire import LENGTH, Wire
 from brafit.geometry.developable import dot, unit
 from brafit.geometry.grid import chebyshev_analysis, chebyshev_synthesis, like
-from brafit.geometry.strip import Nodes, apply
+from brafit.geometry.products import apply
+from brafit.geometry.strip import Nodes
 
 
 class StripGrid(nn.Module):

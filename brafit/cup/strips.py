@@ -19,7 +19,7 @@ from torch.nn.functional import pad
 
 from brafit.cup.base import Cup, Linearised
 from brafit.cup.condition import Gaps
-from brafit.cup.corner import CORNER_REACH, beside_corner, corner_columns, corner_gap, cornered
+from brafit.cup.corner import CORNER_REACH, CORNER_SIZE, beside_corner, corner_columns, corner_gap, cornered
 from brafit.cup.shape import CupShape
 from brafit.cup.strip_grid import StripGrid, chebyshev_bases
 from brafit.cup.wire import LENGTH, Lines, Wire
@@ -27,15 +27,13 @@ from brafit.geometry.developable import unit
 from brafit.geometry.fairness import Variation
 from brafit.geometry.grid import like
 from brafit.geometry.nearest import nearest_on_curve
-from brafit.geometry.products import bmm
+from brafit.geometry.products import apply, apply_row, bmm, evenly
 from brafit.geometry.strip import (
     Angle,
     Nodes,
     Rates,
     Strip,
     UpperTurn,
-    apply,
-    apply_row,
     next_rates,
     roll,
     strip,
@@ -56,6 +54,8 @@ PLAIN_ORDER = 5.0
 """From about this order on terms count ever more."""
 STEP_ORDER = 3.0
 """From about this order on terms change a cup ever more."""
+JUMP_COUNT = 0.5
+"""How much the jump at the upper edge's corner counts in `Cup.plain`: free, it would wander with the corner's place."""
 BUMP_SECOND = -8 / LENGTH**2
 """Second derivative of 1 - x^2 by s."""
 CORNER_TERMS = 6
@@ -78,8 +78,8 @@ class StripsCup(Cup):
             edge: the chest's normal at the wire, the panel below at the ridges.
         rib (B, panels, terms): series of the rib angle before its bound.
         length (B, panels, terms): series of log(t / (1 - x^2)), t the ruling length, x in [-1, 1] along the wire.
-        corner (B, 2): c and x0 of the term c |x - x0| (rounded off) in the last panel's log length: the upper edge may
-            have one corner.
+        corner (B, 3): c, d and x0 of the terms c |x - x0| + d (x - x0) |x - x0| / 2 (rounded off) in the last panel's
+            log length: the upper edge may have one corner, and its own curvature on either side.
 
     Raises:
         ValueError: no panel, fewer than 9 stations, no term, or fewer nodes than twice the terms.
@@ -103,12 +103,12 @@ class StripsCup(Cup):
         if min(nodes, output_nodes) < 2 * terms:
             raise ValueError(f"{terms} terms need at least {2 * terms} nodes, got {nodes} and {output_nodes}")
         self.terms = terms
-        self.corner_place = panels + 2 * panels * terms + 1
+        self.corner_place = panels + 2 * panels * terms + CORNER_SIZE - 1
         some = self.stations
         self.angle = nn.Parameter(some.new_zeros(self.batch, panels))
         self.rib = nn.Parameter(some.new_zeros(self.batch, panels, terms))
         self.length = nn.Parameter(some.new_zeros(self.batch, panels, terms))
-        self.corner = nn.Parameter(some.new_zeros(self.batch, 2))
+        self.corner = nn.Parameter(some.new_zeros(self.batch, CORNER_SIZE))
         self.grid = StripGrid.of(self.wire, terms, nodes)
         self.output_grid = StripGrid.of(self.wire, terms, output_nodes)
         self._place_stations()
@@ -125,21 +125,23 @@ class StripsCup(Cup):
     @property
     def layout(self) -> dict[str, tuple[int, ...]]:
         series = (self.panels, self.terms)
-        return {"angle": (self.panels,), "rib": series, "length": series, "corner": (2,)}
+        return {"angle": (self.panels,), "rib": series, "length": series, "corner": (CORNER_SIZE,)}
 
     def columns(self, terms: int | None = None) -> Int[Tensor, " columns"]:
         return self._panel_columns(terms).sort().values
 
     def _panel_columns(self, terms: int | None) -> Int[Tensor, " columns"]:
-        """Panel by panel: angle, rib, length; last the corner's height, from CORNER_TERMS terms on, and its place."""
+        """Panel by panel: angle, rib, length; last the corner's height and jump, from CORNER_TERMS terms on, and its
+        place.
+        """
         count = self.terms if terms is None else min(terms, self.terms)
         each = torch.arange(count, device=self.stations.device)
         parts = []
         for i in range(self.panels):
             rib = self.panels + i * self.terms + each
             parts += [each.new_tensor([i]), rib, rib + self.panels * self.terms]
-        free = 2 if count >= min(CORNER_TERMS, self.terms) else 1
-        return torch.cat((*parts, each.new_tensor([self.size - 2, self.size - 1][-free:])))
+        free = CORNER_SIZE if count >= min(CORNER_TERMS, self.terms) else 1
+        return torch.cat((*parts, torch.arange(self.size - free, self.size, device=each.device)))
 
     @torch.no_grad()
     def place_corner(
@@ -152,11 +154,13 @@ class StripsCup(Cup):
         segment, share = nearest_on_curve(points[:, None], shape.edges[:, -1], shape.tangents[:, -1], s)
         place = 2 / LENGTH * torch.lerp(s[segment], s[segment + 1], share)[:, 0] - 1
         moved = flat.clone()
-        moved[:, -1] = torch.where(given & (flat[:, -2] == 0), place.clamp(-CORNER_REACH, CORNER_REACH), flat[:, -1])
+        moved[:, -1] = torch.where(
+            given & (flat[:, -CORNER_SIZE] == 0), place.clamp(-CORNER_REACH, CORNER_REACH), flat[:, -1]
+        )
         return moved
 
     def corner_gap(self, flat: Float[Tensor, "batch size"], shape: CupShape, points: Float[Tensor, "batch 3"]) -> Gaps:
-        return corner_gap(flat[:, -2:], shape, points, self.grid.x, self.grid.analysis)
+        return corner_gap(flat[:, -CORNER_SIZE:], shape, points, self.grid.x, self.grid.analysis)
 
     # --- the chain of panels ---
 
@@ -259,7 +263,7 @@ class StripsCup(Cup):
             own_logs = basis, basis_slope, basis_second
             corner_count = len(columns) - self.panels * (1 + 2 * terms)
             if i == self.panels - 1:
-                extra = (v[..., -corner_count:] for v in corner_columns(flat[:, -2:], grid.x))
+                extra = (v[..., -corner_count:] for v in corner_columns(flat[:, -CORNER_SIZE:], grid.x))
                 pairs = zip(own_logs, extra, strict=True)
                 own_logs = tuple(torch.cat((b.expand(batch, -1, -1), e), dim=-1) for b, e in pairs)
             own_log, own_log_slope, own_log_second = own_logs
@@ -303,7 +307,7 @@ class StripsCup(Cup):
             d_xi = pad(bending, (0, own)).addcmul_(omega_eta, d_phi)
             d_spin = pad(torch.addcmul(d_k1 * cosine, d_k2, sine), (0, own)).addcmul_(omega_xi, d_phi, value=-1)
             turn = upper_turn(scalars, panel.t_slope, panel.t_second, grid.derivative)
-            edge_below, edge_above = self._variations(panel, turn, flat[:, -2:], i)
+            edge_below, edge_above = self._variations(panel, turn, flat[:, -CORNER_SIZE:], i)
             unfair += [edge_below.residual, edge_above.residual]
             unfair_columns[:, 2 * i, :, :size] = edge_below.columns(d_spin, pad(d_speed, (0, own)))
             d_spin[..., rib] += own_alpha_slope
@@ -335,7 +339,7 @@ class StripsCup(Cup):
             unfair_columns[:, 2 * i + 1, :, :size] = edge_above.columns(d_spin - d_beta_slope, d_next_speed)
             if i == self.panels - 1:
                 steps = edge_above.curvature.diff(dim=-1) / edge_above.lengths.sqrt()
-                unfair_columns[:, 2 * i + 1, :, size - 1] += steps * beside_corner(flat[:, -2:], grid.x)[1]
+                unfair_columns[:, 2 * i + 1, :, size - 1] += steps * beside_corner(flat[:, -CORNER_SIZE:], grid.x)[1]
 
             # the frame of the rulings turns, about d, d_max and eta, and the edge moves
             about_xi = pad(torch.addcmul(about_U * cosine, about_V, sine), (0, own))
@@ -389,11 +393,11 @@ class StripsCup(Cup):
         edges = []
         for i, panel in enumerate(self._march(flat, self.grid)):
             turn = upper_turn(panel.strip, panel.t_slope, panel.t_second, self.grid.derivative)
-            edges += [edge.residual for edge in self._variations(panel, turn, flat[:, -2:], i)]
+            edges += [edge.residual for edge in self._variations(panel, turn, flat[:, -CORNER_SIZE:], i)]
         return torch.cat(edges, dim=-1)
 
     def _variations(
-        self, panel: "_Panel", turn: UpperTurn, corner: Float[Tensor, "batch 2"], number: int
+        self, panel: "_Panel", turn: UpperTurn, corner: Float[Tensor, "batch 3"], number: int
     ) -> tuple[Variation, Variation]:
         """How the curvature of a flat panel's lower and upper edge varies, the upper edge's corner apart."""
         scalars, grid = panel.strip, self.grid
@@ -410,7 +414,7 @@ class StripsCup(Cup):
         order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device)
         share = torch.exp2(-(1 + (order / STEP_ORDER) ** 4).log2().round())
         series = share.repeat(2 * self.panels)
-        return torch.cat((series.new_ones(self.panels), series, series.new_ones(2)))
+        return torch.cat((series.new_ones(self.panels), series, series.new_ones(CORNER_SIZE)))
 
     @property
     def plain(self) -> tuple[Float[Tensor, " size"], Float[Tensor, " size"]]:
@@ -426,8 +430,9 @@ class StripsCup(Cup):
         series["length"][:, 0] -= math.log(self.panels)
         order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device)
         count = (1 + (order / PLAIN_ORDER) ** 6).sqrt().expand(self.panels, -1)
-        none = {"angle": order.new_zeros(self.panels), "corner": order.new_zeros(2)}
+        none = {"angle": order.new_zeros(self.panels), "corner": order.new_zeros(CORNER_SIZE)}
         values, counts = none | series, none | dict.fromkeys(series, count)
+        counts["corner"] = order.new_tensor([0.0, JUMP_COUNT, 0.0])
         flat = (torch.cat([parts[name].flatten() for name in self.layout]) for parts in (values, counts))
         return next(flat), next(flat)
 
@@ -441,7 +446,7 @@ class StripsCup(Cup):
         profile = torch.stack((reaches * torch.cos(angles), reaches * torch.sin(angles)), dim=-1)
         step = torch.cat((grid.edge[:, middle, None, ::2], profile), dim=1).diff(dim=1)
         across, out = ((step * axis[:, middle, None, ::2]).sum(-1) for axis in (grid.U, grid.V))
-        heading = torch.atan2(out, across)
+        heading = evenly(torch.atan2, out, across)
         turn = torch.cat((heading[:, :1], heading.diff(dim=1)), dim=1)
         flat = self.plain[0].repeat(self.batch, 1)
         parts = self.split(flat)

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from brafit.fitting.anneal import LOOKS, close
+from brafit.fitting.bending import Bending
 from brafit.fitting.normal import Normal, normal_equations
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.result import ResultCode
@@ -244,6 +245,7 @@ def minimise(
     damping = torch.full_like(here.value, 1e-3)
     growth, reach = torch.full_like(damping, 2.0), torch.ones_like(damping)
     ended = diverged.clone()
+    bending = Bending.none(here)
     history = []
     for count in range(stage.steps):
         running = ~ended[index]
@@ -254,28 +256,24 @@ def minimise(
             index, place, here = index[keep], place[keep], here.select(keep)
             damping, growth, reach = damping[keep], growth[keep], reach[keep]
             objective, pressure = objective.select(keep), pressure.select(keep)
+            bending = bending.select(keep)
             running = running[keep]
-        move, fall, bend = _step(here, damping)
+        move, fall, bend = _step(here, damping, bending.of())
         expected = fall - 0.5 * bend
         trial = place.clone()
         trial[:, columns] += reach[:, None] * move
         near = here.feet if count >= _SEARCHING and count % _SEARCHING else None
         there = normal_equations(objective, trial, pressure, terms, near)
         gain = here.value - there.value
-        ratio = gain / (reach * fall - 0.5 * reach**2 * bend)
         finite = there.value.isfinite() & there.matrix.isfinite().all(-1).all(-1)
         accepted = running & finite & (gain > 0)
         small = stage.tolerance * here.value
         finished = running & (expected < small) & (gain.abs() < small) & finite
         finished |= running & (damping > 1e10)
+        bending = bending.learnt(here, there, reach[:, None] * move, accepted)
         place = torch.where(accepted[:, None], trial, place)
         here = there.choose(accepted, here)
-        eased = damping * (1 - (2 * ratio - 1) ** 3).clamp(1 / 5, 2)
-        shortened = ~accepted & finite & (bend > 0.5 * fall) & (reach > _SHORTEST)
-        lowest = 0.5 * reach**2 * fall / (reach * fall - gain)
-        damping = torch.where(accepted, eased, torch.where(shortened, damping, damping * growth)).clamp_min(1e-12)
-        growth = torch.where(accepted, 2.0, torch.where(shortened, growth, growth * 2))
-        reach = torch.where(shortened, torch.minimum(lowest, 0.5 * reach).maximum(0.1 * reach), 1.0)
+        damping, growth, reach = _adapted(damping, growth, reach, fall, bend, gain, accepted, finite)
         steps[index] += running
         ended[index] |= finished
         converged[index] |= finished
@@ -286,15 +284,41 @@ def minimise(
 
 
 def _step(
-    here: Normal, damping: Tensor
+    here: Normal, damping: Tensor, bending: Tensor
 ) -> tuple[Float[Tensor, "batch columns"], Float[Tensor, " batch"], Float[Tensor, " batch"]]:
-    """The damped Gauss-Newton step m, the value's fall -g.m along it and its bend m.H.m: the quadratic model
-    decreases by fall - bend / 2.
+    """The damped step m, the value's fall -g.m along it and its bend m.H.m: the quadratic model decreases by
+    fall - bend / 2. H is the Gauss-Newton matrix and the bending that it lacks; without the latter where their sum is
+    not positive.
     """
     diagonal = here.matrix.diagonal(dim1=-2, dim2=-1)
     scale = torch.maximum(diagonal, 1e-6 * diagonal.amax(-1, keepdim=True)).clamp_min(1e-30)
     extra = damping[:, None] * scale
-    solved, usable = solved_each(here.matrix + torch.diag_embed(extra), here.gradient)
+    damped = here.matrix + torch.diag_embed(extra)
+    solved, usable = solved_each(damped + bending, here.gradient)
+    if not usable.all():
+        left = (~usable).nonzero()[:, 0]
+        solved[left], usable[left] = solved_each(damped[left], here.gradient[left])
     move = torch.where(usable[:, None], -solved, torch.zeros_like(solved))
     fall = torch.where(usable, -dots(here.gradient, move), torch.inf)
     return move, fall, fall - dots(extra * move, move)  # since H m = -g - extra m
+
+
+def _adapted(
+    damping: Tensor,
+    growth: Tensor,
+    reach: Tensor,
+    fall: Tensor,
+    bend: Tensor,
+    gain: Tensor,
+    accepted: Bool[Tensor, " batch"],
+    finite: Bool[Tensor, " batch"],
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Damping, its next growth and the share of the step that is tried, after a step that gained so much."""
+    ratio = gain / (reach * fall - 0.5 * reach**2 * bend)
+    eased = damping * (1 - (2 * ratio - 1) ** 3).clamp(1 / 5, 2)
+    shortened = ~accepted & finite & (bend > 0.5 * fall) & (reach > _SHORTEST)
+    lowest = 0.5 * reach**2 * fall / (reach * fall - gain)
+    damping = torch.where(accepted, eased, torch.where(shortened, damping, damping * growth)).clamp_min(1e-12)
+    growth = torch.where(accepted, 2.0, torch.where(shortened, growth, growth * 2))
+    reach = torch.where(shortened, torch.minimum(lowest, 0.5 * reach).maximum(0.1 * reach), 1.0)
+    return damping, growth, reach

@@ -25,7 +25,7 @@ from brafit.fitting.loss import Loss, beyond, fuzzy, point_loss
 from brafit.fitting.targets import Targets
 from brafit.geometry.nearest import nearest_feet, signed_distance
 from brafit.geometry.panels import Feet
-from brafit.geometry.products import total
+from brafit.geometry.products import evenly, total
 
 Flat = Float[Tensor, "batch size"]
 GUIDING = 0.4
@@ -393,7 +393,7 @@ class Objective:
 
 
 def _barrier_rows(linear: Linearised, bound: float, width: float) -> Float[Tensor, "batch m columns"]:
-    fading = torch.sigmoid((bound - linear.margin) / width)
+    fading = evenly(torch.sigmoid, (bound - linear.margin) / width)
     return (-fading[..., None] * linear.margin_columns).flatten(1, 2)
 
 

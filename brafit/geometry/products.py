@@ -1,23 +1,48 @@
-"""Matrix products of which each item of the batch is the same, to the last bit, whatever else is in the batch.
+"""Products and functions of which each item of the batch is the same, to the last bit, whatever else is in the batch.
 
-The libraries below take another way for a batch of one, and for rows of one, which rounds differently.
+The libraries below take another way, which rounds differently, for a batch of one, for rows of one, for items that do
+not begin where a line of memory does, and for the last few numbers of a tensor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
+from torch.nn.functional import pad
 
 _LINE = 64
 """Bytes at whose multiples memory begins that is got anew."""
+_EVEN = 32
+"""Numbers of which whole lines of memory are made, and whole steps of a vectorised loop."""
 
 
 def bmm(a: Float[Tensor, "batch n m"], b: Float[Tensor, "batch m k"]) -> Float[Tensor, "batch n k"]:
     """a @ b for every item."""
     return torch.bmm(_two(a), _two(b))[: len(a)]
+
+
+def apply(matrix: Float[Tensor, "m n"], values: Float[Tensor, "*batch n k"]) -> Float[Tensor, "*batch m k"]:
+    """matrix @ values for every batch item on its own."""
+    items, rows = values.reshape(-1, *values.shape[-2:]), len(matrix)
+    even = pad(matrix, (0, 0, 0, -rows % _EVEN)) if rows % _EVEN else matrix
+    product = bmm(even.expand(len(items), -1, -1), items)[:, :rows]
+    return product.reshape(*values.shape[:-2], rows, values.shape[-1])
+
+
+def apply_row(matrix: Float[Tensor, "m n"], values: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch m"]:
+    """`apply` for scalar functions."""
+    return apply(matrix, values[..., None])[..., 0]
+
+
+def evenly(function: Callable[..., Tensor], *values: Tensor) -> Tensor:
+    """A function of numbers, of all values at once: whole lines of them, so that none of them are the last few."""
+    count = values[0].numel()
+    if count % _EVEN == 0:
+        return function(*values)
+    return function(*(pad(v.flatten(), (0, -count % _EVEN)) for v in values))[:count].view_as(values[0])
 
 
 def weighted_rows(weights: Float[Tensor, "batch m"], rows: Float[Tensor, "batch m k"]) -> Float[Tensor, "batch k"]:

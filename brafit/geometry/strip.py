@@ -38,7 +38,7 @@ from brafit.geometry.grid import (
     chebyshev_points,
     chebyshev_synthesis,
 )
-from brafit.geometry.products import bmm
+from brafit.geometry.products import apply, apply_row
 
 Values = Float[Tensor, "*batch n"]
 Vectors = Float[Tensor, "*batch n 3"]
@@ -70,17 +70,6 @@ class Nodes:
         """Values at the nodes -> values at s."""
         x = 2 * s / self.s[-1] - 1
         return chebyshev_synthesis(len(self.s), x.clip(-1, 1)) @ chebyshev_analysis(len(self.s))
-
-
-def apply(matrix: Float[Tensor, "m n"], values: Float[Tensor, "*batch n k"]) -> Float[Tensor, "*batch m k"]:
-    """matrix @ values for every batch item on its own."""
-    items = values.reshape(-1, *values.shape[-2:])
-    return bmm(matrix.expand(len(items), -1, -1), items).reshape(*values.shape[:-2], -1, values.shape[-1])
-
-
-def apply_row(matrix: Float[Tensor, "m n"], values: Values) -> Float[Tensor, "*batch m"]:
-    """`apply` for scalar functions."""
-    return apply(matrix, values[..., None])[..., 0]
 
 
 @dataclass(frozen=True)

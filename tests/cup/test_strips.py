@@ -39,7 +39,7 @@ def wavy(wire: Wire, panels: int, batch: int = 1, terms: int = 6, **options: int
         cup.length[..., 1:] = 0
     noise = torch.randn(batch, cup.size, generator=torch.Generator().manual_seed(panels), dtype=torch.float64)
     order = torch.arange(terms, dtype=torch.float64)
-    order = torch.cat((torch.zeros(panels), order.repeat(2 * panels), torch.zeros(2)))
+    order = torch.cat((torch.zeros(panels), order.repeat(2 * panels), torch.zeros(3)))
     return cup, cup.flatten().detach() + 0.06 * noise / (1 + order**2)
 
 
@@ -48,7 +48,7 @@ def wavy(wire: Wire, panels: int, batch: int = 1, terms: int = 6, **options: int
 def test_panels_are_developable_between_the_nodes(wire, panels):
     """Normals at the two ends of every ruling agree, by tangents measured from the edges alone."""
     cup, flat = wavy(wire, panels)
-    flat[:, -2] = 0  # a corner has no tangent to measure
+    flat[:, -3:] = 0  # a corner has no tangent to measure
     if panels == 1:
         flat[:, 0] = math.pi / 2  # straight up: leaning in, its rulings would cross
     shape = cup.shape_of(flat)
@@ -64,7 +64,7 @@ def test_half_cylinder_comes_out_exactly():
     """One panel that leaves the half circle straight up, with rulings at right angles, is a cylinder."""
     cup = StripsCup(half_circle(), panels=1, terms=3)
     cup.start(torch.tensor([[0.5]], dtype=torch.float64), torch.tensor([[1.0]], dtype=torch.float64))
-    cup.load_flat(torch.tensor([[math.pi / 2, 0, 0, 0, 0.3, 0, 0, 0, 0]], dtype=torch.float64))
+    cup.load_flat(torch.tensor([[math.pi / 2, 0, 0, 0, 0.3, 0, 0, 0, 0, 0]], dtype=torch.float64))
     shape = cup.shape()
     height = math.exp(0.3) * (1 - (2 * cup.stations / math.pi - 1) ** 2)
     assert torch.allclose(shape.edges[0, 1, :, :2], shape.edges[0, 0, :, :2], rtol=0, atol=1e-12)
@@ -98,9 +98,9 @@ def test_closed_form_derivatives_are_those_of_forward_mode(panels, terms):
 
 def test_only_the_upper_edge_has_the_corner():
     cup, flat = wavy(half_circle(), 2, stations=2001)
-    flat[:, -2] = 0
+    flat[:, -3:] = 0
     bent = flat.clone()
-    bent[:, -2], bent[:, -1] = -1.5, 0.2
+    bent[:, -3:] = torch.tensor([-1.5, 0.8, 0.2])
     smooth, shape = cup.shape_of(flat), cup.shape_of(bent)
     assert torch.equal(smooth.edges[:, :2], shape.edges[:, :2])
     turn = shape.tangents[0, 2] / shape.tangents[0, 2].norm(dim=-1, keepdim=True)
@@ -121,7 +121,7 @@ def test_impossible_sizes_are_refused():
 def cornered(wire: Wire, panels: int, **options: int) -> tuple[StripsCup, torch.Tensor, torch.Tensor]:
     """Two cups with a corner on the 240th of 401 stations, and a point beside each."""
     cup, flat = wavy(wire, panels, batch=2, stations=401, **options)
-    flat[:, -2:] = torch.tensor([[-0.8, 0.2], [0.5, 0.2]], dtype=torch.float64)
+    flat[:, -3:] = torch.tensor([[-0.8, 0.9, 0.2], [0.5, -0.7, 0.2]], dtype=torch.float64)
     return cup, flat, torch.tensor([[0.3, 1.2, 0.9], [0.1, 1.1, 1.2]], dtype=torch.float64)
 
 
@@ -140,7 +140,7 @@ def test_the_gap_at_the_corner_is_from_the_upper_edge_there(wire, panels):
 def test_the_gap_at_the_corner_has_the_derivatives_of_central_differences(panels, terms):
     cup, flat, points = cornered(WIRES["helix"], panels, terms=7, nodes=96)
     linear = cup.linearise(flat, terms)
-    free = int((linear.columns >= cup.size - 2).sum())
+    free = int((linear.columns >= cup.size - 3).sum())
     columns = cup.corner_gap(flat, linear.shape, points).columns(linear.table, free)
     h = 1e-6
     for k, column in enumerate(linear.columns.tolist()):

@@ -42,7 +42,7 @@ def on_a_cup(seed: int, count: int, neckline: bool = True) -> Target:
     cup.start(share, torch.ones_like(share))
     flat = cup.flatten().detach()
     change = 0.03 * torch.randn(flat.shape, generator=generator, dtype=torch.float64)
-    change[:, -2:] = 0  # no corner
+    change[:, -3:] = 0  # no corner
     shape = cup.shape_of(flat + change).map(lambda v: v[0])
     shape = replace(shape, edges=shape.edges * cup.wire.scale, tangents=shape.tangents * cup.wire.scale)
     upper, ridge = shape.edges[-1].numpy(), shape.edges[1].numpy()

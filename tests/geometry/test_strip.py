@@ -8,7 +8,8 @@ import torch
 from scipy.integrate import solve_ivp
 from scipy.interpolate import BarycentricInterpolator
 
-from brafit.geometry.strip import Angle, Nodes, Rates, apply, apply_row, next_rates, roll, strip, turned
+from brafit.geometry.products import apply, apply_row
+from brafit.geometry.strip import Angle, Nodes, Rates, next_rates, roll, strip, turned
 
 NODES = Nodes.of(64, math.pi)
 S = torch.from_numpy(NODES.s)
