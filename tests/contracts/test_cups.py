@@ -133,7 +133,7 @@ class TestCup:
             for name, ahead in values[0].items():
                 known = (ahead - values[1][name]) / (2 * h)
                 found = (columns[name] * step[linear.columns]).sum(-1)
-                assert (found - known).abs().max() < 2e-5 * max(1.0, known.abs().max().item()), (name, terms)
+                assert (found - known).abs().max() < 5e-5 * max(1.0, known.abs().max().item()), (name, terms)
 
     @staticmethod
     def watched(cup: Cup, flat: Tensor) -> dict[str, Tensor]:
