@@ -18,7 +18,7 @@ from brafit.cloud.read import Cloud
 from brafit.landmarks.file import FIELDS, Landmarks, landmarks_path
 from brafit.landmarks.units import MILLIMETRES, NAMES
 from brafit.marking.bounds import bounds, catalogue
-from brafit.marking.skin import Skin, skin_of
+from brafit.marking.skin import SIZES, Skin, skin_of
 from brafit.marking.start import Start, start_of
 from brafit.naming import shown
 from brafit.report.html import page
@@ -102,7 +102,9 @@ def _told(raw: Cloud, name: str, start: Start, skin: Skin) -> dict[str, Any]:
         "skin": {
             "records": base64.b64encode(skin.records()).decode(),
             "step": skin.step,
+            "count": len(skin.places),
             "spacing": skin.spacing,
+            "sizes": SIZES,
             "of": skin.of,
         },
         "axes": start.axes.tolist(),

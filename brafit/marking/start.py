@@ -93,7 +93,7 @@ def start_of(raw: Cloud, side: str | None = None, units: str | None = None) -> S
 
 
 def _breast(marked: Marked, marks: Landmarks, notes: list[str]) -> tuple[Landmarks, str]:
-    """One breast's marks with the wire that a fit would take, and where that is from; why it would take none is noted."""
+    """One breast's marks with the wire that a fit takes, and where that is from; why it would refuse them is noted."""
     try:
         breast = framed(marked, marks.side, None)
     except InputError as error:

@@ -124,13 +124,22 @@ class Desk {
 
   placeOf(id) { return allHandles(this.breast).find((handle) => handle.id === id).at; }
 
-  // While a handle is dragged the state is shown, but not yet kept: one drag is one step to undo.
-  drag(id, at) {
+  // While a handle is dragged the state is shown, but not yet kept: one drag is one step to undo. It is moved once a
+  // picture, however many moves of the pointer there are.
+  drag(id, x, y) {
+    this.wanted = { id, x, y };
+    this.redraw();
+  }
+  #dragged() {
+    if (!this.wanted) return;
+    const { id, x, y } = this.wanted, at = this.pick(x, y, this.placeOf(id));
+    this.wanted = null;
     if (!this.before) this.before = this.breasts;
     this.history.states[this.history.at] = { ...this.breasts, [this.side]: withHandle(this.breast, id, at, this.skin) };
-    this.changed(true);
+    this.#judge();
   }
   drop() {
+    this.#dragged();
     if (!this.before) return;
     const after = this.breasts;
     this.history.states[this.history.at] = this.before;
@@ -220,13 +229,16 @@ class Desk {
 
   // Drawing
 
-  changed(only = false) {
+  changed() {
+    this.#judge();
+    this.#showPanel();
+    this.redraw();
+  }
+
+  #judge() {
     const breast = this.breast, figures = figuresOf(breast, this.side, this.told.catalogue);
     showFigures(figures);
-    const faults = faultsOf(breast, this.side, figures, this.told, this.skin);
-    showFaults(faults, breast.wire && breast.apex);
-    if (!only) this.#showPanel();
-    this.redraw();
+    showFaults(faultsOf(breast, this.side, figures, this.told, this.skin), breast.wire && breast.apex);
   }
 
   #showPanel() {
@@ -264,14 +276,13 @@ class Desk {
 
   #draw() {
     this.waiting = false;
+    this.#dragged();
     const canvas = box("scan"), begun = performance.now();
     Object.assign(this.camera, { width: canvas.clientWidth, height: canvas.clientHeight });
     this.picture.draw(this.camera, strokesOf(this.breasts, this.side, this), this.turning);
     if (this.turning) {
       this.picture.finish();
-      const took = performance.now() - begun;
-      this.picture.adapt(took);
-      this.frames.push(took);
+      this.frames.push(performance.now() - begun);
     }
     this.#drawLabels();
   }

@@ -48,10 +48,7 @@ class Hands {
     if (Math.hypot(e.offsetX - finger.from[0], e.offsetY - finger.from[1]) > STILL) this.moved = true;
     if (this.fingers.size === 2) this.#pinch(e, dx, dy);
     else if (desk.held) {
-      if (this.moved) {
-        const at = desk.pick(e.offsetX + this.offset[0], e.offsetY + this.offset[1], desk.placeOf(desk.held));
-        desk.drag(desk.held, at);
-      }
+      if (this.moved) desk.drag(desk.held, e.offsetX + this.offset[0], e.offsetY + this.offset[1]);
     } else if (this.moved) {
       if (this.panning) desk.camera.pan(dx, dy);
       else desk.camera.turn(0.008 * dx, 0.008 * dy);

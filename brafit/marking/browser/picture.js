@@ -2,7 +2,8 @@
 // the machine draws in time; once it rests, all of them, smoothed.
 
 class Picture {
-  static FRAME = 34;       // ms that a frame may take while the view turns
+  static FRAME = 30;       // ms that the skin may take while the view turns
+  static FINE = 400;       // ms that it may take once the view rests
   static FEWEST = 12000;   // points that are always drawn
   static LIFT = 4;         // lines are seen this far (mm) below the skin
 
@@ -14,13 +15,18 @@ class Picture {
     if (!gl) throw new Error("This browser has no WebGL 2, which the picture needs: take a current Chromium, Firefox or Safari.");
     this.gl = gl;
     this.discs = this.#program(DISCS_VERTEX, DISCS_FRAGMENT);
+    this.fine = this.#program(DISCS_VERTEX, DISCS_FRAGMENT.replace("precision", "#define FINE\nprecision"));
+    this.smooth = this.#program(WHOLE_VERTEX, SMOOTH_FRAGMENT);
     this.shade = this.#program(WHOLE_VERTEX, SHADE_FRAGMENT);
     this.copy = this.#program(WHOLE_VERTEX, COPY_FRAGMENT);
     this.strokes = this.#program(STROKES_VERTEX, STROKES_FRAGMENT);
-    this.points = this.#array(skin.buffer, gl.STATIC_DRAW, [[3, gl.UNSIGNED_SHORT, 8, 0], [2, gl.BYTE, 8, 6]]);
+    this.points = this.#array(skin.buffer, gl.STATIC_DRAW, [
+      [3, gl.UNSIGNED_SHORT, 8, 0], [2, gl.BYTE, 8, 6], [1, gl.UNSIGNED_BYTE, 1, 8 * skin.count],
+    ]);
     this.dynamic = this.#array(0, gl.DYNAMIC_DRAW, [[3, gl.FLOAT, 40, 0], [3, gl.FLOAT, 40, 12], [4, gl.FLOAT, 40, 24]]);
     this.empty = gl.createVertexArray();
     this.budget = Math.min(skin.count, 60000);
+    this.sharpness = this.fineness = 1;
     this.drawn = null;
   }
 
@@ -73,12 +79,15 @@ class Picture {
       if (depth) gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, depth, 0);
       return made;
     };
-    for (const old of [this.normals, this.depths, this.shaded]) if (old) gl.deleteTexture(old);
-    for (const old of [this.first, this.second]) if (old) gl.deleteFramebuffer(old);
+    for (const old of [this.normals, this.depths, this.smoothed, this.shaded]) if (old) gl.deleteTexture(old);
+    for (const old of [this.first, this.halfway, this.again, this.second]) if (old) gl.deleteFramebuffer(old);
     this.normals = texture(gl.RGBA8);
+    this.smoothed = texture(gl.RGBA8);
     this.depths = texture(gl.DEPTH_COMPONENT24);
     this.shaded = texture(gl.RGBA8, gl.LINEAR);
     this.first = frame(this.normals, this.depths);
+    this.halfway = frame(this.smoothed, null);
+    this.again = frame(this.normals, null);
     this.second = frame(this.shaded, null);
     this.size = [width, height];
     this.drawn = null;
@@ -89,22 +98,26 @@ class Picture {
     const gl = this.gl, ratio = window.devicePixelRatio || 1;
     const width = Math.max(1, Math.round(camera.width * ratio)), height = Math.max(1, Math.round(camera.height * ratio));
     if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
-    const share = turning ? Math.min(1, this.sharpness || 1) : 1;
+    // In steps, so that the textures are not made anew for every picture.
+    const share = 0.8 ** Math.round(Math.log(turning ? this.sharpness : this.fineness) / Math.log(0.8));
     this.#targets(Math.max(1, Math.round(share * width)), Math.max(1, Math.round(share * height)));
     const rows = camera.rows, wanted = JSON.stringify([rows, camera.centre, camera.scale, turning ? this.budget : 0]);
     if (this.drawn !== wanted) {
+      const begun = performance.now();
       this.#drawSkin(camera, rows, turning);
       this.drawn = wanted;
+      this.finish();
+      this.#adapt(performance.now() - begun, turning);
     }
     this.#drawCopy(width, height);
     this.#drawStrokes(camera, strokes, width, height, ratio);
   }
 
   #drawSkin(camera, rows, turning) {
-    const gl = this.gl, { program, places } = this.discs, [width, height] = this.size, skin = this.skin;
+    const gl = this.gl, { program, places } = turning ? this.discs : this.fine, [width, height] = this.size, skin = this.skin;
     const count = turning ? Math.min(this.budget, skin.count) : skin.count, pixels = camera.scale * height / camera.height;
     // Fewer points are larger, so that the skin stays closed.
-    const radius = Skin.DISC * skin.spacing * Math.sqrt(skin.count / count) * (turning ? 0.9 : 1);
+    const wider = Math.sqrt(skin.count / count) * (turning ? 0.75 : 1);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.first);
     gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
@@ -116,31 +129,43 @@ class Picture {
     gl.uniform3fv(places.centre, camera.centre);
     gl.uniform1f(places.extent, skin.extent);
     gl.uniform1f(places.depth, this.deep);
-    gl.uniform1f(places.diameter, Math.max(1.5, 2 * radius * pixels));
-    gl.uniform1f(places.radius, radius / (2 * this.deep));
+    gl.uniform1f(places.radius, 255 * skin.unitSize * wider);
+    gl.uniform1f(places.pixels, pixels);
     gl.uniform2f(places.scale, 2 * pixels / width, 2 * pixels / height);
     gl.bindVertexArray(this.points.vertices);
     gl.drawArrays(gl.POINTS, 0, count);
-    this.#drawShade(pixels, radius, turning);
+    this.#drawShade(pixels, wider * skin.spacing, turning);
   }
 
-  #drawShade(pixels, radius, turning) {
-    const gl = this.gl, { program, places } = this.shade;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.second);
-    gl.disable(gl.DEPTH_TEST);
+  // One picture of the size of the targets, made by a program from two textures.
+  #pass({ program, places }, target, normals, numbers) {
+    const gl = this.gl;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target);
     gl.useProgram(program);
     gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, this.normals);
+    gl.bindTexture(gl.TEXTURE_2D, normals);
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D, this.depths);
     gl.uniform1i(places.normals, 0);
     gl.uniform1i(places.depths, 1);
     gl.uniform1f(places.deep, 2 * this.deep);
-    gl.uniform1f(places.pixel, 1 / pixels);
-    gl.uniform1f(places.stride, Math.max(1, radius * pixels / 2.3));
-    gl.uniform1i(places.taps, turning ? 0 : 3);
+    for (const [name, value] of Object.entries(numbers)) {
+      if (Array.isArray(value)) gl.uniform2fv(places[name], value);
+      else if (name === "rings") gl.uniform1i(places[name], value);
+      else gl.uniform1f(places[name], value);
+    }
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  #drawShade(pixels, radius, turning) {
+    this.gl.disable(this.gl.DEPTH_TEST);
+    if (!turning) {
+      const stride = Math.max(1, radius * pixels / 2.2), reach = Math.max(0.8, 0.7 * radius);
+      this.#pass(this.smooth, this.halfway, this.normals, { reach, stride: [stride, 0] });
+      this.#pass(this.smooth, this.again, this.smoothed, { reach, stride: [0, stride] });
+    }
+    this.#pass(this.shade, this.second, this.normals, { pixel: 1 / pixels, rings: turning ? 0 : 2 });
   }
 
   #drawCopy(width, height) {
@@ -184,11 +209,16 @@ class Picture {
     }
   }
 
-  // Take more or fewer points from now on, as the last frame took more or less time than there is.
-  adapt(took) {
-    const factor = clamp(Math.sqrt(Picture.FRAME / Math.max(took, 1)), 0.6, 1.15);
+  // Take more or fewer points from now on, and draw them more or less sharply, as the last picture took more or less
+  // time than there is.
+  #adapt(took, turning) {
+    if (!turning) {
+      this.fineness = clamp(this.fineness * clamp(Math.sqrt(Picture.FINE / Math.max(took, 1)), 0.6, 1.1), 0.5, 1);
+      return;
+    }
+    const factor = clamp(Math.sqrt(Picture.FRAME / Math.max(took, 1)), 0.5, 1.1);
     this.budget = clamp(Math.round(this.budget * factor), Math.min(Picture.FEWEST, this.skin.count), this.skin.count);
-    if (this.budget <= Picture.FEWEST && took > 1.3 * Picture.FRAME) this.sharpness = Math.max(0.35, 0.85 * (this.sharpness || 1));
+    this.sharpness = clamp(this.sharpness * factor, 0.3, 1);
   }
 
   // Wait until everything is drawn.

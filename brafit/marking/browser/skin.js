@@ -12,19 +12,17 @@ function bytesOf(text) {
 }
 
 class Skin {
-  static CELL = 2.5;      // side of a cell of the grid, in spacings
-  static DISC = 2.1;      // radius of the disc about each point that a ray may hit, in spacings
-  static SMOOTH = 2.2;    // radius of the neighbourhood whose surface counts, in spacings
+  static CELL = 1.4;      // side of a cell of the grid, in discs of median size
+  static SMOOTH = 1.3;    // radius of the neighbourhood whose surface counts, likewise
   static ALIKE = 0.5;     // least cosine between normals of one sheet
   static FEW = 6;         // points that make a surface
 
   constructor(data) {
-    const buffer = bytesOf(data.records).buffer, count = buffer.byteLength / 8;
-    this.buffer = buffer;
-    this.count = count;
+    const buffer = bytesOf(data.records).buffer, count = data.count;
+    Object.assign(this, { buffer, count, sizes: new Uint8Array(buffer, 8 * count), unitSize: data.spacing / data.sizes });
     this.spacing = data.spacing;
     this.extent = 65535 * data.step;
-    const shorts = new Uint16Array(buffer), signed = new Int8Array(buffer);
+    const shorts = new Uint16Array(buffer, 0, 4 * count), signed = new Int8Array(buffer, 0, 8 * count);
     this.points = new Float32Array(3 * count);
     this.normals = new Float32Array(3 * count);
     for (let i = 0; i < count; i++) {
@@ -131,7 +129,7 @@ class Skin {
     // From the nearest point's tangent plane on, so that the neighbourhoods looked at are those of the surface.
     const facing = this.normal(index);
     let at = along(place, dot(minus(this.point(index), place), facing), facing);
-    if (apart(at, this.point(index)) > 3 * this.spacing) at = this.point(index);
+    if (apart(at, this.point(index)) > 2 * this.spacing) at = this.point(index);
     for (let k = 0; k < 3; k++) {
       const field = this.#field(at, facing);
       if (field === null) return this.point(index);
@@ -144,18 +142,20 @@ class Skin {
   // Every point is a disc: the one that is hit first says which sheet is seen, the surface about it where.
   hit(origin, towards) {
     for (const widen of [1, 2, 4]) {
-      const first = this.#firstDisc(origin, towards, widen * Skin.DISC * this.spacing);
+      const first = this.#firstDisc(origin, towards, widen * this.unitSize);
       if (first !== null) return this.#refined(origin, towards, first);
     }
     return null;
   }
 
-  #firstDisc(origin, towards, radius) {
-    const { points: p, normals: n } = this, [ox, oy, oz] = origin, [dx, dy, dz] = towards, square = radius * radius;
+  #firstDisc(origin, towards, step) {
+    const { points: p, normals: n, sizes } = this, [ox, oy, oz] = origin, [dx, dy, dz] = towards, most = (255 * step) ** 2;
     let best = -1, farthest = -Infinity;
     for (let i = 0; i < p.length; i += 3) {
       const x = p[i] - ox, y = p[i + 1] - oy, z = p[i + 2] - oz, t = x * dx + y * dy + z * dz;
       const away = x * x + y * y + z * z - t * t;
+      if (away > most) continue;
+      const radius = step * sizes[i / 3], square = radius * radius;
       if (away > square || t + radius < farthest) continue;
       const slant = n[i] * dx + n[i + 1] * dy + n[i + 2] * dz;
       if (Math.abs(slant) < 0.05) continue;
