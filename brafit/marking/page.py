@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from brafit.cloud.read import Cloud
-from brafit.landmarks.file import FIELDS, Landmarks, landmarks_path
+from brafit.landmarks.file import DECIMALS, FIELDS, Landmarks, landmarks_path
 from brafit.landmarks.units import MILLIMETRES, NAMES
 from brafit.marking.bounds import bounds, catalogue
 from brafit.marking.skin import SIZES, Skin, skin_of
@@ -98,6 +98,7 @@ def _told(raw: Cloud, name: str, start: Start, skin: Skin) -> dict[str, Any]:
         "unitName": NAMES[start.unit],
         "unitFrom": start.unit_from,
         "factor": MILLIMETRES[start.unit],
+        "decimals": DECIMALS[start.unit],
         "origin": skin.origin.tolist(),
         "skin": {
             "records": base64.b64encode(skin.records()).decode(),

@@ -67,12 +67,18 @@ def start_of(raw: Cloud, side: str | None = None, units: str | None = None) -> S
         InputError: the landmark file beside it cannot be read; the unit is in doubt.
     """
     file = landmarks_path(raw.path)
+    if file.exists():
+        marked = with_marks(raw, file, units, propose=False)
+        return _marked(marked, side, marked.units.found)
+    unit, found = _unit(raw, units)
     try:
-        marked = with_marks(raw, file, units, propose=True)
+        return _marked(with_marks(raw, file, unit, propose=True), side, found)
     except InputError as error:
-        if file.exists():
-            raise
-        return _by_hand(raw, side, units, error)
+        return _by_hand(raw, side, unit, found, error)
+
+
+def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
+    """The start where marks are given or proposed."""
     notes: list[str] = []
     found = [_breast(marked, marks, notes) for marks in marked.breasts if side in (None, marks.side)]
     breasts = tuple(marks for marks, _ in found)
@@ -81,7 +87,7 @@ def start_of(raw: Cloud, side: str | None = None, units: str | None = None) -> S
     return Start(
         whole=marked.whole,
         unit=marked.units.cloud,
-        unit_from=marked.units.found,
+        unit_from=unit_from,
         breasts=breasts,
         confidence=proposed,
         detected=tuple(marks.side for marks, origin in found if origin == "detected"),
@@ -102,9 +108,8 @@ def _breast(marked: Marked, marks: Landmarks, notes: list[str]) -> tuple[Landmar
     return breast.marks, breast.wire_origin
 
 
-def _by_hand(raw: Cloud, side: str | None, units: str | None, error: InputError) -> Start:
+def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputError) -> Start:
     """The start where nothing is marked and nothing can be proposed."""
-    unit, found = _unit(raw, units)
     whole = Whole(replace(raw, points=raw.points * MILLIMETRES[unit]))
     body = _body(whole)
     return Start(

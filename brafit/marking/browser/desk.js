@@ -151,7 +151,10 @@ class Desk {
     if (!this.chosen) return;
     const at = this.placeOf(this.chosen), [x, y] = this.camera.project(at), scale = this.camera.scale;
     const ray = this.camera.unproject(x + dx * scale, y + dy * scale, at);
-    this.set(withHandle(this.breast, this.chosen, this.skin.settled(ray, 10) || ray, this.skin));
+    // A mark on a hidden part of the skin stays on that part.
+    const seen = this.skin.hit(ray, this.camera.towards);
+    const to = seen && apart(seen, at) < 10 ? seen : this.skin.settled(ray, 10) || ray;
+    this.set(withHandle(this.breast, this.chosen, to, this.skin));
   }
 
   add(key, point) {

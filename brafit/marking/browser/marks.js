@@ -7,8 +7,7 @@
 const ENDS = { wire: ["inner_end", "outer_end"], inner: ["inner_end", "strap_point"], outer: ["strap_point", "outer_end"] };
 const POINTS = ["inner_end", "outer_end", "strap_point", "apex"];
 const HANDLES = { wire: [7, 13], inner: [4, 9], outer: [4, 9] };   // least and most that a given line gets, ends included
-const MIRROR_REACH = 25;    // a mirrored handle is laid on skin that is so near, mm
-const DECIMALS = { mm: 3, cm: 4, in: 5, m: 6 };
+const MIRROR_REACH = 12;    // a mirrored handle is laid on skin that is so near, mm
 
 const nothing = (origin) => ({
   inner_end: null, outer_end: null, strap_point: null, apex: null, wire: null, inner: null, outer: null, origin, looked: false,
@@ -125,7 +124,7 @@ function mirroredBreast(breast, mirror, skin) {
 function landmarkFile(breasts, told) {
   const place = (point) => point.map((value, k) => {
     const own = (value + told.origin[k]) / told.factor;
-    return Number(own.toFixed(DECIMALS[told.unit]));
+    return Number(own.toFixed(told.decimals));
   });
   const blocks = Object.entries(breasts).filter(([, breast]) => !isEmpty(breast)).map(([side, breast]) => {
     const block = { side };

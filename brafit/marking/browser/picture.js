@@ -2,9 +2,9 @@
 // the machine draws in time; once it rests, all of them, smoothed.
 
 class Picture {
-  static FRAME = 30;       // ms that the skin may take while the view turns
+  static FRAME = 22;       // ms that the skin may take while the view turns
   static FINE = 400;       // ms that it may take once the view rests
-  static FEWEST = 12000;   // points that are always drawn
+  static FEWEST = 8000;    // points that are always drawn
   static LIFT = 4;         // lines are seen this far (mm) below the skin
 
   constructor(canvas, skin, diagonal) {
