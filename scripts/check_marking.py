@@ -1,6 +1,7 @@
 """Marks a scan of 200,000 points by hand, in a real Chromium: how soon its page opens, how it turns, what is saved.
 
-    python scripts/check_marking.py [--points 200000] [--picture FILE]
+    python scripts/check_marking.py [--points 200000]
+    python scripts/check_marking.py --show SCAN --picture docs/marking.png     only a picture of a scan's page
 
 The scan is a torso given by a formula, so that the place where a mark is dropped is known without the page. Prints
 each figure beside its limit; status 1 if one is over it. Chromium draws by software here; graphics cards are faster.
@@ -9,6 +10,7 @@ each figure beside its limit; status 1 if one is over it. Chromium draws by soft
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import shutil
 import sys
@@ -22,6 +24,7 @@ from typing import Any
 import numpy as np
 from analytic_torso import meets, torso_marks, torso_points, write_torso
 from check_patterns import MissingReaderError
+from PIL import Image
 
 from brafit.cli.mark import write_page
 from brafit.landmarks import Landmarks, read_landmarks
@@ -139,7 +142,20 @@ def turned(page: Any, moves: int = 60) -> np.ndarray:
     return np.array(page.evaluate("brafitMark.frames"))
 
 
-def measure(points: int, folder: Path, picture: Path | None) -> dict[str, float]:
+def draw(scan: Path, folder: Path, picture: Path) -> None:
+    """A picture of a scan's page, in so few colours that it is small."""
+    entry = write_page(scan, scan.stem, folder)
+    assert entry.file is not None
+    with chromium_driven() as browser:
+        page = opened(browser.new_context(viewport={"width": 1120, "height": 800}), folder / entry.file)
+        page.evaluate("brafitMark.camera.turn(-0.35, -0.25); brafitMark.told.folder = 'scans'; brafitMark.changed()")
+        time.sleep(3.0)
+        image = Image.open(io.BytesIO(page.screenshot()))
+    few = image.convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE)
+    few.save(picture, optimize=True)
+
+
+def measure(points: int, folder: Path) -> dict[str, float]:
     """All figures."""
     cloud = folder / "torso.npy"
     write_torso(cloud, torso_points(points, noise=0.3), torso_marks(cloud))
@@ -159,10 +175,6 @@ def measure(points: int, folder: Path, picture: Path | None) -> dict[str, float]
         page.click("[data-mark=neckline]")
         time.sleep(1.0)
         dropped = {handle: dragged(page, handle, 14, -10) for handle in TEN}
-        if picture is not None:
-            page.mouse.move(5, 795)
-            time.sleep(2.0)
-            page.screenshot(path=picture)
         marks = read_landmarks(saved(page, folder))
         page.close()
     off = [float(np.linalg.norm(handle_in(marks, handle, place) - place)) for handle, place in dropped.items()]
@@ -173,10 +185,14 @@ def measure(points: int, folder: Path, picture: Path | None) -> dict[str, float]
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--points", type=int, default=200_000)
-    parser.add_argument("--picture", type=Path, help="where a picture of the page goes")
+    parser.add_argument("--show", type=Path, help="a scan; measures nothing")
+    parser.add_argument("--picture", type=Path, default=Path("marking.png"), help="where the picture of its page goes")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        figures = measure(options.points, Path(folder), options.picture)
+        if options.show is not None:
+            draw(options.show, Path(folder), options.picture)
+            return 0
+        figures = measure(options.points, Path(folder))
     print(f"{options.points:,} points; load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     over = 0
     for name, value in figures.items():

@@ -92,7 +92,7 @@ def _told(raw: Cloud, name: str, start: Start, skin: Skin) -> dict[str, Any]:
     return {
         "name": shown(name),
         "file": shown(file.name),
-        "folder": shown(str(raw.path.parent)),
+        "folder": shown(str(raw.path.absolute().parent)),
         "scan": shown(raw.path.name),
         "unit": start.unit,
         "unitName": NAMES[start.unit],

@@ -122,7 +122,7 @@ def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputEr
         sides=_sides(whole, side, []),
         axes=_facing(whole.cloud.points) if body is None else np.stack([body.left, body.up, body.front]),
         mirror=_mirror(whole),
-        notes=(f"Nothing is marked, and nothing was proposed: {error.cause}",),
+        notes=(f"Nothing is marked, and nothing could be proposed ({error.cause})",),
     )
 
 

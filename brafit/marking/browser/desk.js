@@ -246,7 +246,7 @@ class Desk {
 
   #showPanel() {
     const breast = this.breast, empty = Object.values(this.breasts).every(isEmpty);
-    showMarks(breast, this.placing);
+    showMarks(breast, this.placing, this.pending);
     showOrigin(breast, this.toldOf);
     for (const tab of document.querySelectorAll("[data-side]")) tab.setAttribute("aria-pressed", String(tab.dataset.side === this.side));
     box("undo").disabled = !this.history.canUndo;

@@ -19,7 +19,8 @@ function connect(desk) {
   click("save", () => desk.save());
   box("marks").addEventListener("click", (e) => {
     const mark = e.target.dataset.mark;
-    if (mark) desk.place(mark === desk.placing ? null : mark);
+    if (mark && mark === desk.placing && desk.pending.length >= 4) desk.finishWire();
+    else if (mark) desk.place(mark === desk.placing ? null : mark);
   });
   box("looked").addEventListener("change", (e) => desk.look(e.target.checked));
   new ResizeObserver(() => desk.redraw()).observe(box("scan"));

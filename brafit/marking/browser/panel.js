@@ -29,11 +29,11 @@ function hintFor(breast, placing, pending) {
   return "";
 }
 
-function showMarks(breast, placing) {
+function showMarks(breast, placing, pending) {
   box("marks").tBodies[0].innerHTML = MARKS.map(([mark, name]) => {
     const there = has(breast, mark), usable = mark !== "neckline" || (breast.wire && breast.strap_point);
-    const word = placing === mark ? "stop" : mark === "neckline" ? (there ? "lay anew" : "lay") : there ? "place anew" : "place";
-    const said = there ? "" : mark === "neckline" ? "none: brafit builds one" : "none";
+    const word = placing === mark ? (pending.length >= 4 ? "finish" : "stop") : mark === "neckline" ? (there ? "lay anew" : "lay") : there ? "place anew" : "place";
+    const said = there ? "" : mark === "neckline" ? "brafit builds one" : "none";
     return `<tr><td style="--dot: ${shade(mark === "neckline" ? "inner" : mark)}">${name}</td><td class="soft">${said}</td>`
       + `<td><button type="button" data-mark="${mark}" aria-label="${word} ${name.toLowerCase()}"${usable ? "" : " disabled"}>${word}</button></td></tr>`;
   }).join("");
