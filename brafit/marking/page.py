@@ -90,7 +90,8 @@ def _told(raw: Cloud, name: str, start: Start, skin: Skin) -> dict[str, Any]:
     judged = cloud.points[cloud.inside] if flagged else cloud.points
     breasts = [_breast(breast, start, skin) for breast in start.breasts]
     return {
-        "name": shown(name),
+        "title": shown(name),
+        "name": start.breasts[0].name if start.breasts else shown(raw.path.stem),
         "file": shown(file.name),
         "folder": shown(str(raw.path.absolute().parent)),
         "scan": shown(raw.path.name),

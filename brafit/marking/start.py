@@ -17,11 +17,13 @@ from brafit.errors import InputError
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
 from brafit.landmarks.units import MILLIMETRES, body_unit, unit_of
 from brafit.scan.framed import framed
-from brafit.scan.marked import MIRROR_RMS, Marked, Whole, with_marks
+from brafit.scan.marked import Marked, Whole, with_marks
 from brafit.surface.symmetry import Mirror
 
 SIZE_POSSIBLE, SIZE_USUAL = (150.0, 2500.0), (200.0, 450.0)
 """Diagonal (mm) of a scan of one breast or more; of most of one breast."""
+MIRROR_MOST = 8.0
+"""Rms (mm) between a body and its mirror image up to which marks are copied: a person looks at them."""
 UPRIGHT = 0.9
 """Cosine from which on an axis of the scan is taken for the vertical that the marks show."""
 
@@ -35,7 +37,7 @@ class Start:
         unit: of its file, and of the landmark file to be written.
         unit_from: what the unit was found from; empty if it was said.
         breasts: marks to begin with, each with its wire from the inner to the outer end.
-        confidence: of those that were proposed, by side.
+        confidence: of those that nobody looked at, by side.
         detected: sides whose wire the landmark file does not have: it was found in the crease.
         sides: breasts that can be marked.
         axes: rows: to the wearer's left, up, out of the chest.
@@ -81,16 +83,14 @@ def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
     """The start where marks are given or proposed."""
     notes: list[str] = []
     found = [_breast(marked, marks, notes) for marks in marked.breasts if side in (None, marks.side)]
-    breasts = tuple(marks for marks, _ in found)
-    proposed = {marks.side: marked.proposed[marks.side] for marks in breasts if marks.side in marked.proposed}
     notes += [f"{one.side} breast: {fault}" for one in marked.proposed.values() for fault in one.faults]
     return Start(
         whole=marked.whole,
         unit=marked.units.cloud,
         unit_from=unit_from,
-        breasts=breasts,
-        confidence=proposed,
-        detected=tuple(marks.side for marks, origin in found if origin == "detected"),
+        breasts=tuple(marks for marks, *_ in found),
+        confidence={marks.side: confidence for marks, _, confidence in found if confidence is not None},
+        detected=tuple(marks.side for marks, origin, _ in found if origin == "detected"),
         sides=_sides(marked.whole, side, [marks.side for marks in marked.breasts]),
         axes=_axes(marked),
         mirror=_mirror(marked.whole),
@@ -98,14 +98,16 @@ def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
     )
 
 
-def _breast(marked: Marked, marks: Landmarks, notes: list[str]) -> tuple[Landmarks, str]:
-    """One breast's marks with the wire that a fit takes, and where that is from; why it would refuse them is noted."""
+def _breast(marked: Marked, marks: Landmarks, notes: list[str]) -> tuple[Landmarks, str, Confidence | None]:
+    """One breast's marks with the wire that a fit takes, where that is from, and how far marks that nobody looked at
+    can be trusted; why a fit would refuse them is noted.
+    """
     try:
         breast = framed(marked, marks.side, None)
     except InputError as error:
         notes.append(f"{marks.side} breast, as it is marked now: {error.cause}")
-        return marks, "given"
-    return breast.marks, breast.wire_origin
+        return marks, "given", marked.proposed.get(marks.side)
+    return breast.marks, breast.wire_origin, breast.confidence
 
 
 def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputError) -> Start:
@@ -153,7 +155,7 @@ def _sides(whole: Whole, side: str | None, marked: list[str]) -> tuple[str, ...]
 
 
 def _mirror(whole: Whole) -> Mirror | None:
-    return whole.mirror if whole.is_torso and whole.mirror.rms <= MIRROR_RMS else None
+    return whole.mirror if whole.is_torso and whole.mirror.rms <= MIRROR_MOST else None
 
 
 def _axes(marked: Marked) -> np.ndarray:

@@ -139,7 +139,9 @@ def test_undo_and_what_a_closed_page_keeps(tmp_path, context, pages, page):
     index.goto((pages / "index.html").as_uri())
     assert index.locator(".state").inner_text().startswith("begun, not saved")
     page = opened(context, pages / "torso.html")
-    assert page.evaluate("JSON.stringify(brafitMark.breasts)") == second
+    kept, before = page.evaluate("brafitMark.breast"), json.loads(second)["left"]
+    np.testing.assert_allclose(kept["apex"], before["apex"], atol=1e-4)
+    np.testing.assert_allclose(kept["wire"]["points"], before["wire"]["points"], atol=1e-4)
     saved(page, tmp_path / "elsewhere")
     index.reload()
     assert index.locator(".state").inner_text().startswith("saved ")
@@ -230,3 +232,17 @@ def test_two_fingers_bring_the_scan_nearer(context, page):
         fingers("touchMove", (150 + 20 * k, 650))
     fingers("touchEnd")
     assert page.evaluate("brafitMark.camera.rows") != rows
+
+
+def test_a_hidden_mark_stays_on_its_own_skin(page):
+    page.evaluate("brafitMark.camera.show('back'); brafitMark.redraw()")
+    page.wait_for_timeout(300)
+    before = np.array(page.evaluate("brafitMark.breast.apex"))
+    x, y = place_of(page, "apex")
+    page.mouse.move(round(x), round(y))
+    page.mouse.down()
+    page.mouse.move(round(x) + 12, round(y), steps=3)
+    page.mouse.up()
+    after = np.array(page.evaluate("brafitMark.breast.apex"))
+    assert 1 < np.linalg.norm(after - before) < 12
+    assert off_skin(after[None] + page.evaluate("brafitMark.told.origin"))[0] < 0.5

@@ -2,6 +2,7 @@
 
 class Desk {
   static REST = 160;      // ms after which a view that does not turn any more is drawn in full
+  static OWN = 10;        // skin within so many mm of a mark is its own
 
   constructor(told) {
     this.told = told;
@@ -52,7 +53,7 @@ class Desk {
 
   keep() {
     const now = new Date().toISOString();
-    this.store.write({ start: this.told.start, breasts: this.breasts, editedAt: now, savedAt: this.savedAt || null, dirty: this.dirty });
+    this.kept = this.store.write({ start: this.told.start, breasts: this.breasts, editedAt: now, savedAt: this.savedAt || null, dirty: this.dirty });
   }
 
   commit(breasts) {
@@ -63,7 +64,11 @@ class Desk {
   }
   set(breast) { this.commit({ ...this.breasts, [this.side]: breast }); }
 
-  undo() { this.history.undo(); this.#after(); }
+  undo() {
+    if (this.pending.length) { this.pending = this.pending.slice(0, -1); return this.changed(); }
+    this.history.undo();
+    this.#after();
+  }
   redo() { this.history.redo(); this.#after(); }
   #after() {
     this.dirty = true;
@@ -95,10 +100,18 @@ class Desk {
 
   // Marks
 
-  // The place on the skin at a place of the picture; off the skin, in the plane of the picture through a given place.
-  pick(x, y, through = null) {
-    const ray = this.camera.unproject(x, y);
-    return this.skin.hit(ray, this.camera.towards) || (through && this.camera.unproject(x, y, through));
+  // The place on the skin at a place of the picture, if there is some.
+  pick(x, y) { return this.skin.hit(this.camera.unproject(x, y), this.camera.towards); }
+
+  // Where a mark at a place comes to when it is moved in the picture: on the skin that is seen; if it is hidden, on its
+  // own part of the skin; where there is no skin, in the plane of the picture.
+  moved(at, x, y, hidden) {
+    const flat = this.camera.unproject(x, y, at);
+    return (hidden ? this.skin.settled(flat, Desk.OWN) : this.pick(x, y)) || flat;
+  }
+  isHidden(at) {
+    const seen = this.skin.hit(at, this.camera.towards);
+    return seen !== null && dot(minus(seen, at), this.camera.towards) > Desk.OWN;
   }
 
   handleAt(x, y, reach) {
@@ -132,9 +145,10 @@ class Desk {
   }
   #dragged() {
     if (!this.wanted) return;
-    const { id, x, y } = this.wanted, at = this.pick(x, y, this.placeOf(id));
+    const { id, x, y } = this.wanted, from = this.placeOf(id);
     this.wanted = null;
-    if (!this.before) this.before = this.breasts;
+    if (!this.before) Object.assign(this, { before: this.breasts, hidden: this.isHidden(from) });
+    const at = this.moved(from, x, y, this.hidden);
     this.history.states[this.history.at] = { ...this.breasts, [this.side]: withHandle(this.breast, id, at, this.skin) };
     this.#judge();
   }
@@ -150,10 +164,7 @@ class Desk {
   nudge(dx, dy) {
     if (!this.chosen) return;
     const at = this.placeOf(this.chosen), [x, y] = this.camera.project(at), scale = this.camera.scale;
-    const ray = this.camera.unproject(x + dx * scale, y + dy * scale, at);
-    // A mark on a hidden part of the skin stays on that part.
-    const seen = this.skin.hit(ray, this.camera.towards);
-    const to = seen && apart(seen, at) < 10 ? seen : this.skin.settled(ray, 10) || ray;
+    const to = this.moved(at, x + dx * scale, y + dy * scale, this.isHidden(at));
     this.set(withHandle(this.breast, this.chosen, to, this.skin));
   }
 
@@ -200,8 +211,8 @@ class Desk {
   #placed(breast) {
     const mark = this.placing, by = breast.origin === "given" ? breast.origin : "hand", ends = breast.wire && breast.strap_point;
     let placed = { ...breast, origin: by };
-    if (mark !== "apex" && ends) placed = placed.inner && mark === "strap_point"
-      ? redrawn(placed, ["inner", "outer"], this.skin) : withNeckline(placed, this.told.axes[2], this.skin);
+    if (mark === "strap_point") placed = redrawn(placed, ["inner", "outer"], this.skin);
+    if (ends && !placed.inner) placed = withNeckline(placed, this.told.axes[2], this.skin);
     this.pending = [];
     const next = nextMark(placed);
     this.placing = next;
@@ -249,7 +260,7 @@ class Desk {
     showMarks(breast, this.placing, this.pending);
     showOrigin(breast, this.toldOf);
     for (const tab of document.querySelectorAll("[data-side]")) tab.setAttribute("aria-pressed", String(tab.dataset.side === this.side));
-    box("undo").disabled = !this.history.canUndo;
+    box("undo").disabled = !this.history.canUndo && !this.pending.length;
     box("redo").disabled = !this.history.canRedo;
     box("add").disabled = !this.chosen || this.chosen === "apex" || !this.breast.wire;
     box("remove").disabled = !this.chosen || this.chosen in NAMES;
@@ -263,7 +274,8 @@ class Desk {
     box("scan").classList.toggle("placing", this.placing !== null);
     box("mirror").textContent = `Copy to the ${other(this.side)} side`;
     const when = this.savedAt ? `Saved ${new Date(this.savedAt).toLocaleString()}${this.dirty ? ", changed since" : ""}. ` : "";
-    box("saved").textContent = `${when}Put ${this.told.file} into ${this.told.folder}, beside ${this.told.scan}.`;
+    const lost = this.dirty && this.kept === false ? "This browser keeps nothing: save before you close the page. " : "";
+    box("saved").textContent = `${lost}${when}Put ${this.told.file} into ${this.told.folder}, beside ${this.told.scan}.`;
   }
 
   redraw(turning = false) {

@@ -118,7 +118,7 @@ class Hands {
     } else if (e.key === "Tab") { if (!this.#next(e.shiftKey ? -1 : 1)) return; }
     else if (e.key === "Enter" && desk.placing === "wire") desk.finishWire();
     else if (e.key === "Escape") desk.place(null);
-    else if (e.key === "Backspace" && desk.pending.length) { desk.pending = desk.pending.slice(0, -1); desk.changed(); }
+    else if (e.key === "Backspace" && desk.pending.length) desk.undo();
     else if (e.key === "Delete" || e.key === "Backspace") desk.remove(desk.chosen);
     else return;
     e.preventDefault();

@@ -23,12 +23,13 @@ function connect(desk) {
     else if (mark) desk.place(mark === desk.placing ? null : mark);
   });
   box("looked").addEventListener("change", (e) => desk.look(e.target.checked));
+  addEventListener("beforeunload", (e) => { if (desk.dirty && desk.kept === false) e.preventDefault(); });
   new ResizeObserver(() => desk.redraw()).observe(box("scan"));
 }
 
 function describe(desk) {
   const told = desk.told, skin = desk.skin;
-  box("name").textContent = told.name;
+  box("name").textContent = told.title;
   const shown = skin.count < told.skin.of ? `${told.skin.of.toLocaleString("en")} points, ${skin.count.toLocaleString("en")} shown` : `${skin.count.toLocaleString("en")} points`;
   const unit = `${told.unitName}${told.unitFrom ? `, found from ${told.unitFrom}` : ""}`;
   box("about").innerHTML = [`${shown}; ${unit}`, ...told.notes].map((line) => `<span>${escaped(line)}</span>`).join("<br>");

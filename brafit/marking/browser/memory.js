@@ -13,13 +13,14 @@ class History {
   redo() { if (this.canRedo) this.at++; }
 }
 
-// The browser's store under one key; where the browser keeps none for pages of files, nothing is kept.
+// The browser's store under one key, in tenths of a micrometre, since it is small; where the browser keeps none for pages of files, nothing is kept.
 class Store {
   constructor(key) { this.key = key; }
   read() {
     try { return JSON.parse(localStorage.getItem(this.key)); } catch { return null; }
   }
   write(value) {
-    try { localStorage.setItem(this.key, JSON.stringify(value)); return true; } catch { return false; }
+    const short = (_, part) => (typeof part === "number" ? Number(part.toFixed(4)) : part);
+    try { localStorage.setItem(this.key, JSON.stringify(value, short)); return true; } catch { return false; }
   }
 }

@@ -2,7 +2,7 @@
 // the machine draws in time; once it rests, all of them, smoothed.
 
 class Picture {
-  static FRAME = 22;       // ms that the skin may take while the view turns
+  static FRAME = 22;       // ms that a picture may take while the view turns
   static FINE = 400;       // ms that it may take once the view rests
   static FEWEST = 8000;    // points that are always drawn
   static LIFT = 4;         // lines are seen this far (mm) below the skin
@@ -90,27 +90,29 @@ class Picture {
     this.again = frame(this.normals, null);
     this.second = frame(this.shaded, null);
     this.size = [width, height];
-    this.drawn = null;
   }
 
   // Draw the scan as the camera sees it, unless that picture is there already; then the strokes.
   draw(camera, strokes, turning) {
-    const gl = this.gl, ratio = window.devicePixelRatio || 1;
-    const width = Math.max(1, Math.round(camera.width * ratio)), height = Math.max(1, Math.round(camera.height * ratio));
-    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
-    // In steps, so that the textures are not made anew for every picture.
-    const share = 0.8 ** Math.round(Math.log(turning ? this.sharpness : this.fineness) / Math.log(0.8));
-    this.#targets(Math.max(1, Math.round(share * width)), Math.max(1, Math.round(share * height)));
-    const rows = camera.rows, wanted = JSON.stringify([rows, camera.centre, camera.scale, turning ? this.budget : 0]);
-    if (this.drawn !== wanted) {
-      const begun = performance.now();
+    const begun = performance.now(), ratio = window.devicePixelRatio || 1, rows = camera.rows;
+    const whole = [camera.width, camera.height].map((side) => Math.max(1, Math.round(side * ratio)));
+    const wanted = JSON.stringify([rows, camera.centre, camera.scale, whole, turning ? this.budget : 0]), anew = this.drawn !== wanted;
+    if (anew) {
+      // In steps, so that the textures are not made anew for every picture.
+      const share = 0.8 ** Math.round(Math.log(turning ? this.sharpness : this.fineness) / Math.log(0.8));
+      const part = whole.map((side) => Math.max(1, Math.round(share * side)));
+      const [width, height] = turning ? part : whole;
+      if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
+      this.#targets(...part);
       this.#drawSkin(camera, rows, turning);
       this.drawn = wanted;
-      this.finish();
-      this.#adapt(performance.now() - begun, turning);
     }
+    const { width, height } = this.canvas;
     this.#drawCopy(width, height);
-    this.#drawStrokes(camera, strokes, width, height, ratio);
+    this.#drawStrokes(camera, strokes, width, height, width / camera.width);
+    if (!anew) return;
+    this.finish();
+    this.#adapt(performance.now() - begun, turning);
   }
 
   #drawSkin(camera, rows, turning) {
@@ -218,7 +220,7 @@ class Picture {
     }
     const factor = clamp(Math.sqrt(Picture.FRAME / Math.max(took, 1)), 0.5, 1.1);
     this.budget = clamp(Math.round(this.budget * factor), Math.min(Picture.FEWEST, this.skin.count), this.skin.count);
-    this.sharpness = clamp(this.sharpness * factor, 0.3, 1);
+    this.sharpness = clamp(this.sharpness * factor, 0.25, 1);
   }
 
   // Wait until everything is drawn.
