@@ -37,9 +37,8 @@ LIMITS = {
     "saved off where it was dropped, mm, largest of ten": 1.0,
 }
 FLAGS = (
-    "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--hide-scrollbars",
-    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--hide-scrollbars",
 )  # fmt: skip
 """No call to anywhere, and WebGL by software."""
 TEN = ("apex", "strap_point", "inner_end", "outer_end", "wire.0", "wire.1", "wire.2", "wire.3", "inner.0", "outer.0")

@@ -302,14 +302,18 @@ class Desk {
     this.#drawLabels();
   }
 
+  // Elements are moved, not made anew: that is cheaper by far.
   #drawLabels() {
     const scale = this.camera.scale, step = [1, 2, 5, 10, 20, 50, 100, 200].filter((mm) => mm * scale < 140).pop() || 1;
-    box("bar").firstElementChild.textContent = `${step} mm`;
-    box("bar").lastElementChild.style.width = `${step * scale}px`;
-    const named = POINTS.filter((name) => this.breast[name]);
-    box("labels").innerHTML = named.map((name) => {
-      const [x, y] = this.camera.project(this.breast[name]);
-      return `<span style="transform: translate(${Math.round(x + 13)}px, ${Math.round(y - 26)}px); color: ${shade(name)}">${NAMES[name]}</span>`;
-    }).join("");
+    const [words, line] = box("bar").children;
+    if (words.textContent !== `${step} mm`) words.textContent = `${step} mm`;
+    if (line.style.width !== `${step * scale}px`) line.style.width = `${step * scale}px`;
+    for (const label of box("labels").children) {
+      const at = this.breast[label.dataset.name];
+      label.hidden = at === null;
+      if (at === null) continue;
+      const [x, y] = this.camera.project(at);
+      label.style.transform = `translate(${Math.round(x + 13)}px, ${Math.round(y - 26)}px)`;
+    }
   }
 }

@@ -1,6 +1,7 @@
 // The page comes to life.
 
 function connect(desk) {
+  box("labels").innerHTML = POINTS.map((name) => `<span data-name="${name}" style="color: ${shade(name)}">${NAMES[name]}</span>`).join("");
   const told = desk.told, click = (id, act) => box(id).addEventListener("click", act);
   const tabs = document.querySelector(".tabs");
   tabs.innerHTML = told.sides.map((side) => `<button type="button" data-side="${side}">${side === "left" ? "Left" : "Right"} breast</button>`).join("");
@@ -63,8 +64,7 @@ function start() {
   new Hands(desk);
   // For tests and measurements.
   window.brafitMark = desk;
-  // The first pictures show how fast this machine is.
-  for (let k = 0; k < 3; k++) { desk.picture.drawn = null; desk.picture.draw(desk.camera, { lines: [], dots: [] }, true); }
+  desk.picture.warm(desk.camera);
   desk.redraw(true);
   requestAnimationFrame(() => { desk.picture.finish(); document.body.dataset.ready = String(Math.round(performance.now())); });
 }

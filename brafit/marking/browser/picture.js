@@ -25,8 +25,9 @@ class Picture {
     ]);
     this.dynamic = this.#array(0, gl.DYNAMIC_DRAW, [[3, gl.FLOAT, 40, 0], [3, gl.FLOAT, 40, 12], [4, gl.FLOAT, 40, 24]]);
     this.empty = gl.createVertexArray();
-    this.budget = Math.min(skin.count, 60000);
-    this.sharpness = this.fineness = 1;
+    this.budget = Math.min(skin.count, 40000);
+    this.sharpness = 0.64;
+    this.fineness = 1;
     this.drawn = null;
   }
 
@@ -218,9 +219,18 @@ class Picture {
       this.fineness = clamp(this.fineness * clamp(Math.sqrt(Picture.FINE / Math.max(took, 1)), 0.6, 1.1), 0.5, 1);
       return;
     }
-    const factor = clamp(Math.sqrt(Picture.FRAME / Math.max(took, 1)), 0.5, 1.1);
+    const factor = clamp(Math.sqrt(Picture.FRAME / Math.max(took, 1)), 0.5, 1.25);
     this.budget = clamp(Math.round(this.budget * factor), Math.min(Picture.FEWEST, this.skin.count), this.skin.count);
     this.sharpness = clamp(this.sharpness * factor, 0.25, 1);
+  }
+
+  // A few pictures, to see how fast this machine is.
+  warm(camera) {
+    for (let k = 0; k < 3; k++) {
+      this.drawn = null;
+      this.draw(camera, { lines: [], dots: [] }, true);
+    }
+    this.fineness = clamp(1.5 * this.sharpness, 0.5, 1);
   }
 
   // Wait until everything is drawn.
