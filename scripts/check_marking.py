@@ -66,10 +66,15 @@ def chromium_driven() -> Iterator[Any]:
             browser.close()
 
 
-def opened(context: Any, file: Path) -> Any:
-    """A page of a scan once it is drawn. What goes wrong in it is raised when the page is used next."""
+def opened(context: Any, file: Path, errors: list[Any] | None = None) -> Any:
+    """A page of a scan once it is drawn.
+
+    Args:
+        errors: what goes wrong in the page is added to it.
+    """
     page = context.new_page()
-    page.on("pageerror", lambda error: page.evaluate(f"document.title = {str(error)!r}"))
+    if errors is not None:
+        page.on("pageerror", lambda error: errors.append(error))
     page.goto(file.absolute().as_uri())
     page.wait_for_selector("body[data-ready]", timeout=30_000)
     return page

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from brafit.cloud.read import Cloud
+from brafit.cloud.read import MIN_POINTS, Cloud
+from brafit.errors import InputError
 from brafit.landmarks.file import DECIMALS, FIELDS, Landmarks, landmarks_path
 from brafit.landmarks.units import MILLIMETRES, NAMES
 from brafit.marking.bounds import bounds, catalogue
@@ -22,6 +23,7 @@ from brafit.marking.skin import SIZES, Skin, skin_of
 from brafit.marking.start import Start, start_of
 from brafit.naming import shown
 from brafit.report.html import page
+from brafit.surface.cleaning import distinct
 
 SCRIPTS = (
     "vectors", "skin", "curve", "camera", "shaders", "picture", "marks", "strokes", "judgement", "memory", "panel",
@@ -57,8 +59,12 @@ def marking_page(raw: Cloud, name: str, side: str | None = None, units: str | No
         units: of the scan, where they are said.
 
     Raises:
-        InputError: the landmark file beside it cannot be read; the scan's unit is in doubt.
+        InputError: the landmark file beside it cannot be read; the scan's unit is in doubt; it has hardly any points.
     """
+    single = len(distinct(raw.points))
+    if single < MIN_POINTS:
+        cause = f"only {single} of its {len(raw.points)} points are distinct"
+        raise InputError(raw.path, cause, "Export the cloud again, or scan again")
     start = start_of(raw, side, units)
     skin = skin_of(start.whole.cloud.points)
     key = f"brafit-mark:{hashlib.sha256(skin.records() + shown(raw.path.name).encode()).hexdigest()[:20]}"
@@ -114,7 +120,7 @@ def _told(raw: Cloud, name: str, start: Start, skin: Skin) -> dict[str, Any]:
         "size": float(np.linalg.norm(np.ptp(judged, axis=0))),
         "mirror": _mirror(start, skin),
         "sides": list(start.sides),
-        "side": next((breast.side for breast in start.breasts), start.sides[0]),
+        "side": next((breast.side for breast in start.breasts if breast.side in start.sides), start.sides[0]),
         "breasts": breasts,
         "start": hashlib.sha256(json.dumps(breasts).encode()).hexdigest()[:16],
         "extra": _extra(file),
@@ -158,7 +164,8 @@ def _extra(file: Path) -> dict[str, Any]:
     """What else stands in a landmark file that could be read: it stays there."""
     if not file.is_file():
         return {}
-    data = json.loads(file.read_text(encoding="utf-8-sig"))
+    # NaN and the like, which JSON has no words for, become null.
+    data = json.loads(file.read_text(encoding="utf-8-sig"), parse_constant=lambda _: None)
     return {key: value for key, value in data.items() if key not in FIELDS}
 
 

@@ -82,7 +82,7 @@ def start_of(raw: Cloud, side: str | None = None, units: str | None = None) -> S
 def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
     """The start where marks are given or proposed."""
     notes: list[str] = []
-    found = [_breast(marked, marks, notes) for marks in marked.breasts if side in (None, marks.side)]
+    found = [_breast(marked, marks, notes) for marks in marked.breasts]
     notes += [f"{one.side} breast: {fault}" for one in marked.proposed.values() for fault in one.faults]
     return Start(
         whole=marked.whole,

@@ -42,12 +42,12 @@ def context(browser: Any) -> Iterator[Any]:
     made.close()
 
 
-def written(folder: Path, unit: str = "mm") -> Path:
+def written(folder: Path, *options: str, unit: str = "mm") -> Path:
     """A torso with marks of its left breast, and the folder of its page."""
     path = folder / "torso.npy"
     write_torso(path, torso_points(POINTS), torso_marks(path, unit=unit), unit)
     with pytest.raises(SystemExit) as ended:
-        main([str(path), "--out", str(folder / "pages")])
+        main([str(path), "--out", str(folder / "pages"), *options])
     assert ended.value.code == 0
     return folder / "pages"
 
@@ -58,8 +58,10 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def page(pages: Path, context: Any) -> Any:
-    return opened(context, pages / "torso.html")
+def page(pages: Path, context: Any) -> Iterator[Any]:
+    errors: list[Any] = []
+    yield opened(context, pages / "torso.html", errors)
+    assert errors == []
 
 
 def figure(page: Any, name: str) -> float:
@@ -170,7 +172,7 @@ def test_a_breast_is_marked_by_clicks_alone_and_copied_to_the_other_side(tmp_pat
     page.keyboard.press("Enter")
     click(-OUT - 5, UP + 80)
     click(-OUT, UP)
-    assert page.locator("#hint").inner_text() == ""
+    assert page.locator("#hint").inner_text() == "Save when you are done."
     assert page.locator("#faults .fine").count() == 1
     page.click("#mirror")
     assert page.locator("#looked").is_checked() is False
@@ -186,6 +188,18 @@ def test_a_breast_is_marked_by_clicks_alone_and_copied_to_the_other_side(tmp_pat
     assert off_skin(right.upper_line).max() < 0.6
     assert distances(left.wire * [-1, 1, 1], right.wire).max() < 0.6
     assert np.linalg.norm(right.points["apex"] - torso_marks(Path("torso.npy"), "right").points["apex"]) < 1
+
+
+def test_the_breast_that_is_not_worked_on_stays_in_the_file(tmp_path, context):
+    page = opened(context, written(tmp_path, "--side", "right") / "torso.html")
+    assert page.locator("[data-side]").count() == 1
+    assert page.locator("#hint").inner_text().startswith("Wire: click its inner end")
+    (left,) = read_breasts(saved(page, tmp_path))
+    given = torso_marks(Path("torso.npy")).wire
+    assert left.side == "left"
+    assert left.wire is not None
+    assert given is not None
+    np.testing.assert_allclose(left.wire, given, atol=0.002)
 
 
 def test_what_brafit_would_refuse_is_said_while_it_is_drawn(page):

@@ -127,8 +127,23 @@ def test_what_cannot_be_proposed_is_marked_by_hand(tmp_path, capsys):
 def test_what_else_a_landmark_file_says_is_kept_but_no_settings_are_taken(tmp_path, capsys):
     path = sample(tmp_path, "a")
     file = landmarks_path(path)
-    file.write_text(json.dumps({**json.loads(file.read_text()), "fitter": "Ann"}))
+    file.write_text(json.dumps({**json.loads(file.read_text()), "fitter": "Ann", "shoulder": float("nan")}))
     assert mark(path, "--out", tmp_path) == 0
-    assert told(tmp_path / "a.html")["extra"]["fitter"] == "Ann"
+    extra = told(tmp_path / "a.html")["extra"]
+    assert (extra["fitter"], extra["shoulder"]) == ("Ann", None)
     assert mark(path, "cup.terms=4") == 2
     assert "takes no settings" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("points", [np.zeros((500, 3)), np.repeat(torso_points(40), 20, axis=0)])
+def test_a_cloud_of_hardly_any_points_is_refused(tmp_path, capsys, points: np.ndarray):
+    np.save(tmp_path / "few.npy", points)
+    assert mark(tmp_path / "few.npy", "--out", tmp_path, "--units", "mm") == 2
+    assert "points are distinct. Export the cloud again" in capsys.readouterr().err
+
+
+def test_a_plane_is_a_scan_like_another(tmp_path):
+    points = np.random.default_rng(0).uniform(0, 250, (3000, 3)) * [1.0, 1.0, 0.0]
+    np.save(tmp_path / "plane.npy", points)
+    assert mark(tmp_path / "plane.npy", "--out", tmp_path, "--units", "mm") == 0
+    assert abs(told(tmp_path / "plane.html")["axes"][2][2]) > 0.999

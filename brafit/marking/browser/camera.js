@@ -2,7 +2,12 @@
 
 class Camera {
   static VIEWS = {
-    front: [0, 0], left: [-Math.PI / 2, 0], right: [Math.PI / 2, 0], below: [0, -1.1], above: [0, 1.1], back: [Math.PI, 0],
+    front: [0, 0],
+    left: [-Math.PI / 2, 0],
+    right: [Math.PI / 2, 0],
+    below: [0, -1.1],
+    above: [0, 1.1],
+    back: [Math.PI, 0],
   };
 
   constructor(axes, centre, extent) {
@@ -34,32 +39,48 @@ class Camera {
     this.pitch = clamp(this.pitch + dy, -Math.PI / 2, Math.PI / 2);
   }
 
-  get scale() { return this.zoom * Math.min(this.width, this.height) / this.extent; }
+  get scale() {
+    return (this.zoom * Math.min(this.width, this.height)) / this.extent;
+  }
 
   // Rows: to the picture's right, up and to the viewer, in the scan's frame.
   get rows() {
-    const cy = Math.cos(this.yaw), sy = Math.sin(this.yaw), cp = Math.cos(this.pitch), sp = Math.sin(this.pitch);
-    const turned = [[cy, 0, sy], [sp * sy, cp, -sp * cy], [-cp * sy, sp, cp * cy]];
+    const cy = Math.cos(this.yaw),
+      sy = Math.sin(this.yaw),
+      cp = Math.cos(this.pitch),
+      sp = Math.sin(this.pitch);
+    const turned = [
+      [cy, 0, sy],
+      [sp * sy, cp, -sp * cy],
+      [-cp * sy, sp, cp * cy],
+    ];
     return turned.map((row) => this.axes.reduce((sum, axis, k) => along(sum, row[k], axis), [0, 0, 0]));
   }
 
   // Place in the picture (px from its upper left corner) and depth (mm to the viewer).
   project(point) {
-    const [right, up, towards] = this.rows, away = minus(point, this.centre), scale = this.scale;
+    const [right, up, towards] = this.rows,
+      away = minus(point, this.centre),
+      scale = this.scale;
     return [this.width / 2 + scale * dot(away, right), this.height / 2 - scale * dot(away, up), dot(away, towards)];
   }
 
   // The place of the scan's frame in the plane through a point (else the centre) at a place of the picture.
   unproject(x, y, through = this.centre) {
-    const [right, up, towards] = this.rows, depth = dot(minus(through, this.centre), towards), scale = this.scale;
+    const [right, up, towards] = this.rows,
+      depth = dot(minus(through, this.centre), towards),
+      scale = this.scale;
     const flat = along(along(this.centre, (x - this.width / 2) / scale, right), (this.height / 2 - y) / scale, up);
     return along(flat, depth, towards);
   }
 
-  get towards() { return this.rows[2]; }
+  get towards() {
+    return this.rows[2];
+  }
 
   pan(dx, dy) {
-    const [right, up] = this.rows, scale = this.scale;
+    const [right, up] = this.rows,
+      scale = this.scale;
     this.centre = along(along(this.centre, -dx / scale, right), dy / scale, up);
   }
 

@@ -1,9 +1,9 @@
 // Smooth curves through a few handles: natural cubic splines over the chords' lengths, laid on the skin.
 
-const STEP = 2;             // between points of a saved line, mm
-const SKIN_REACH = 10;      // a curve is laid on skin that is so near, mm
-const FADES = 4;            // less of it, where it is less than so much nearer than that, mm
-const FAITHFUL = 0.5;       // a curve may lie so far off the line that its handles were taken from, mm
+const STEP = 2; // between points of a saved line, mm
+const SKIN_REACH = 10; // a curve is laid on skin that is so near, mm
+const FADES = 4; // less of it, where it is less than so much nearer than that, mm
+const FAITHFUL = 0.5; // a curve may lie so far off the line that its handles were taken from, mm
 
 const lengthOf = (line) => line.reduce((sum, point, i) => (i ? sum + apart(point, line[i - 1]) : 0), 0);
 
@@ -13,7 +13,7 @@ function evenly(line, count) {
   for (let i = 1; i < line.length; i++) arc.push(arc[i - 1] + apart(line[i], line[i - 1]));
   const out = [];
   for (let k = 0, i = 0; k < count; k++) {
-    const at = arc[arc.length - 1] * k / (count - 1);
+    const at = (arc[arc.length - 1] * k) / (count - 1);
     while (i < line.length - 2 && arc[i + 1] < at) i++;
     out.push(between(line[i], line[i + 1], clamp((at - arc[i]) / Math.max(arc[i + 1] - arc[i], 1e-12), 0, 1)));
   }
@@ -22,9 +22,12 @@ function evenly(line, count) {
 
 // Second derivatives at the knots of the natural cubic spline.
 function bends(knots, values) {
-  const n = knots.length, out = values.map(() => [0, 0, 0]), upper = new Float64Array(n);
+  const n = knots.length,
+    out = values.map(() => [0, 0, 0]),
+    upper = new Float64Array(n);
   for (let i = 1; i < n - 1; i++) {
-    const before = knots[i] - knots[i - 1], after = knots[i + 1] - knots[i];
+    const before = knots[i] - knots[i - 1],
+      after = knots[i + 1] - knots[i];
     const pivot = 2 * (before + after) - before * upper[i - 1];
     upper[i] = after / pivot;
     for (let k = 0; k < 3; k++) {
@@ -42,13 +45,21 @@ function splined(handles, fine = 12) {
   if (distinct.length < 2) return [handles[0], handles[handles.length - 1]];
   const knots = [0];
   for (let i = 1; i < distinct.length; i++) knots.push(knots[i - 1] + apart(distinct[i], distinct[i - 1]));
-  const bent = bends(knots, distinct), out = [];
+  const bent = bends(knots, distinct),
+    out = [];
   for (let i = 0; i < distinct.length - 1; i++) {
     const h = knots[i + 1] - knots[i];
     for (let j = 0; j < fine; j++) {
-      const b = j / fine, a = 1 - b;
-      out.push([0, 1, 2].map((k) => a * distinct[i][k] + b * distinct[i + 1][k]
-        + ((a ** 3 - a) * bent[i][k] + (b ** 3 - b) * bent[i + 1][k]) * h * h / 6));
+      const b = j / fine,
+        a = 1 - b;
+      out.push(
+        [0, 1, 2].map(
+          (k) =>
+            a * distinct[i][k] +
+            b * distinct[i + 1][k] +
+            (((a ** 3 - a) * bent[i][k] + (b ** 3 - b) * bent[i + 1][k]) * h * h) / 6,
+        ),
+      );
     }
   }
   out.push(distinct[distinct.length - 1]);
@@ -57,7 +68,8 @@ function splined(handles, fine = 12) {
 
 // The curve through handles, every 2 mm, on the skin where there is some near.
 function curveOnSkin(handles, skin) {
-  const free = splined(handles), line = evenly(free, Math.max(4, Math.ceil(lengthOf(free) / STEP)) + 1);
+  const free = splined(handles),
+    line = evenly(free, Math.max(4, Math.ceil(lengthOf(free) / STEP)) + 1);
   const moves = line.map((place) => {
     const there = skin.settled(place, SKIN_REACH);
     if (there === null) return [0, 0, 0];
@@ -92,7 +104,8 @@ function nearestOn(line, point) {
   for (let i = 0; i < line.length - 1; i++) {
     const step = minus(line[i + 1], line[i]);
     const share = clamp(dot(minus(point, line[i]), step) / Math.max(dot(step, step), 1e-12), 0, 1);
-    const place = along(line[i], share, step), away = apart(place, point);
+    const place = along(line[i], share, step),
+      away = apart(place, point);
     if (away < best.away) best = { away, segment: i, place };
   }
   return best;

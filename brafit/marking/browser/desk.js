@@ -1,8 +1,8 @@
 // The desk: the state of the page, and what each act does to it. Drawing and panel follow by `changed` and `redraw`.
 
 class Desk {
-  static REST = 160;      // ms after which a view that does not turn any more is drawn in full
-  static OWN = 10;        // skin within so many mm of a mark is its own
+  static REST = 160; // ms after which a view that does not turn any more is drawn in full
+  static OWN = 10; // skin within so many mm of a mark is its own
 
   constructor(told) {
     this.told = told;
@@ -18,19 +18,25 @@ class Desk {
     this.turning = false;
   }
 
-  // Each breast as the landmark file or the proposals have it, else empty.
+  // Each breast as the landmark file or the proposals have it, else empty. One that is not to be marked is saved too.
   #begin() {
     const breasts = {};
-    for (const side of this.told.sides) {
+    for (const side of new Set([...this.told.sides, ...this.told.breasts.map((breast) => breast.side)])) {
       const own = this.told.breasts.find((breast) => breast.side === side);
       breasts[side] = own ? breastOf(own) : nothing("hand");
     }
     return breasts;
   }
 
-  get breasts() { return this.history.now; }
-  get breast() { return this.breasts[this.side]; }
-  get toldOf() { return this.told.breasts.find((breast) => breast.side === this.side) || null; }
+  get breasts() {
+    return this.history.now;
+  }
+  get breast() {
+    return this.breasts[this.side];
+  }
+  get toldOf() {
+    return this.told.breasts.find((breast) => breast.side === this.side) || null;
+  }
 
   // Take up what this browser kept: at once if it goes on from the same start, else it is offered.
   restore() {
@@ -49,11 +55,20 @@ class Desk {
     this.dirty = kept.dirty;
   }
 
-  bringBack(kept) { this.#take(kept); this.changed(); }
+  bringBack(kept) {
+    this.#take(kept);
+    this.changed();
+  }
 
   keep() {
     const now = new Date().toISOString();
-    this.kept = this.store.write({ start: this.told.start, breasts: this.breasts, editedAt: now, savedAt: this.savedAt || null, dirty: this.dirty });
+    this.kept = this.store.write({
+      start: this.told.start,
+      breasts: this.breasts,
+      editedAt: now,
+      savedAt: this.savedAt || null,
+      dirty: this.dirty,
+    });
   }
 
   commit(breasts) {
@@ -62,14 +77,22 @@ class Desk {
     this.keep();
     this.changed();
   }
-  set(breast) { this.commit({ ...this.breasts, [this.side]: breast }); }
+  set(breast) {
+    this.commit({ ...this.breasts, [this.side]: breast });
+  }
 
   undo() {
-    if (this.pending.length) { this.pending = this.pending.slice(0, -1); return this.changed(); }
+    if (this.pending.length) {
+      this.pending = this.pending.slice(0, -1);
+      return this.changed();
+    }
     this.history.undo();
     this.#after();
   }
-  redo() { this.history.redo(); this.#after(); }
+  redo() {
+    this.history.redo();
+    this.#after();
+  }
   #after() {
     this.dirty = true;
     this.chosen = this.held = null;
@@ -86,10 +109,12 @@ class Desk {
   // Views
 
   near() {
-    const breast = this.breast, marks = breast.wire ? breast.wire.points : POINTS.map((name) => breast[name]).filter(Boolean);
+    const breast = this.breast,
+      marks = breast.wire ? breast.wire.points : POINTS.map((name) => breast[name]).filter(Boolean);
     const all = [...marks, ...[breast.strap_point, breast.apex].filter(Boolean)];
     if (!all.length) return this.whole();
-    const low = [0, 1, 2].map((k) => Math.min(...all.map((p) => p[k]))), high = [0, 1, 2].map((k) => Math.max(...all.map((p) => p[k])));
+    const low = [0, 1, 2].map((k) => Math.min(...all.map((p) => p[k]))),
+      high = [0, 1, 2].map((k) => Math.max(...all.map((p) => p[k])));
     this.camera.look(between(low, high, 0.5), Math.max(120, 1.25 * apart(low, high)));
     this.redraw();
   }
@@ -101,7 +126,9 @@ class Desk {
   // Marks
 
   // The place on the skin at a place of the picture, if there is some.
-  pick(x, y) { return this.skin.hit(this.camera.unproject(x, y), this.camera.towards); }
+  pick(x, y) {
+    return this.skin.hit(this.camera.unproject(x, y), this.camera.towards);
+  }
 
   // Where a mark at a place comes to when it is moved in the picture: on the skin that is seen; if it is hidden, on its
   // own part of the skin; where there is no skin, in the plane of the picture.
@@ -115,27 +142,38 @@ class Desk {
   }
 
   handleAt(x, y, reach) {
-    let best = null, least = reach;
+    let best = null,
+      least = reach;
     for (const { id, at } of allHandles(this.breast)) {
-      const [u, v] = this.camera.project(at), away = Math.hypot(u - x, v - y);
+      const [u, v] = this.camera.project(at),
+        away = Math.hypot(u - x, v - y);
       // Of two at one place the named one, which comes last, is meant.
-      if (away <= least) { least = away; best = id; }
+      if (away <= least) {
+        least = away;
+        best = id;
+      }
     }
     return best;
   }
 
   lineAt(x, y, reach) {
-    let best = null, least = reach;
+    let best = null,
+      least = reach;
     for (const key of Object.keys(ENDS)) {
       if (!this.breast[key]) continue;
       const flat = this.breast[key].points.map((point) => [...this.camera.project(point).slice(0, 2), 0]);
       const { away } = nearestOn(flat, [x, y, 0]);
-      if (away <= least) { least = away; best = key; }
+      if (away <= least) {
+        least = away;
+        best = key;
+      }
     }
     return best;
   }
 
-  placeOf(id) { return allHandles(this.breast).find((handle) => handle.id === id).at; }
+  placeOf(id) {
+    return allHandles(this.breast).find((handle) => handle.id === id).at;
+  }
 
   // While a handle is dragged the state is shown, but not yet kept: one drag is one step to undo. It is moved once a
   // picture, however many moves of the pointer there are.
@@ -145,7 +183,8 @@ class Desk {
   }
   #dragged() {
     if (!this.wanted) return;
-    const { id, x, y } = this.wanted, from = this.placeOf(id);
+    const { id, x, y } = this.wanted,
+      from = this.placeOf(id);
     this.wanted = null;
     if (!this.before) Object.assign(this, { before: this.breasts, hidden: this.isHidden(from) });
     const at = this.moved(from, x, y, this.hidden);
@@ -163,7 +202,9 @@ class Desk {
 
   nudge(dx, dy) {
     if (!this.chosen) return;
-    const at = this.placeOf(this.chosen), [x, y] = this.camera.project(at), scale = this.camera.scale;
+    const at = this.placeOf(this.chosen),
+      [x, y] = this.camera.project(at),
+      scale = this.camera.scale;
     const to = this.moved(at, x + dx * scale, y + dy * scale, this.isHidden(at));
     this.set(withHandle(this.breast, this.chosen, to, this.skin));
   }
@@ -175,16 +216,25 @@ class Desk {
   }
   // Between the chosen handle and the next one.
   addBeside() {
-    const key = this.chosen && (this.chosen in NAMES ? Object.keys(ENDS).find((line) => this.breast[line] && ENDS[line].includes(this.chosen)) : this.chosen.split(".")[0]);
+    const key =
+      this.chosen &&
+      (this.chosen in NAMES
+        ? Object.keys(ENDS).find((line) => this.breast[line] && ENDS[line].includes(this.chosen))
+        : this.chosen.split(".")[0]);
     if (!key) return;
-    const handles = handlesOf(this.breast, key), at = this.placeOf(this.chosen), points = this.breast[key].points;
+    const handles = handlesOf(this.breast, key),
+      at = this.placeOf(this.chosen),
+      points = this.breast[key].points;
     const i = Math.min(handles.indexOf(at), handles.length - 2);
     const [a, b] = [handles[i], handles[i + 1]].map((place) => nearestOn(points, place).segment);
     this.add(key, points[Math.round((a + b + 1) / 2)]);
   }
   remove(id) {
     const breast = id && withLess(this.breast, id, this.skin);
-    if (breast) { this.chosen = null; this.set(breast); }
+    if (breast) {
+      this.chosen = null;
+      this.set(breast);
+    }
   }
 
   // Begin to place a mark by clicks, or stop it.
@@ -209,7 +259,9 @@ class Desk {
     if (this.pending.length >= 4) this.#placed(withWire(this.breast, this.pending, this.skin));
   }
   #placed(breast) {
-    const mark = this.placing, by = breast.origin === "given" ? breast.origin : "hand", ends = breast.wire && breast.strap_point;
+    const mark = this.placing,
+      by = breast.origin === "given" ? breast.origin : "hand",
+      ends = breast.wire && breast.strap_point;
     let placed = { ...breast, origin: by };
     if (mark === "strap_point") placed = redrawn(placed, ["inner", "outer"], this.skin);
     if (ends && !placed.inner) placed = withNeckline(placed, this.told.axes[2], this.skin);
@@ -221,16 +273,20 @@ class Desk {
 
   mirror() {
     if (!this.told.mirror || isEmpty(this.breast)) return;
-    const there = other(this.side), breasts = { ...this.breasts, [there]: mirroredBreast(this.breast, this.told.mirror, this.skin) };
+    const there = other(this.side),
+      breasts = { ...this.breasts, [there]: mirroredBreast(this.breast, this.told.mirror, this.skin) };
     Object.assign(this, { side: there, chosen: null, placing: null, pending: [] });
     this.commit(breasts);
     this.near();
   }
-  look(looked) { this.set({ ...this.breast, looked }); }
+  look(looked) {
+    this.set({ ...this.breast, looked });
+  }
 
   // The landmark file, to be put beside the scan.
   save() {
-    const text = landmarkFile(this.breasts, this.told), link = document.createElement("a");
+    const text = landmarkFile(this.breasts, this.told),
+      link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
     link.download = this.told.file;
     link.click();
@@ -250,16 +306,19 @@ class Desk {
   }
 
   #judge() {
-    const breast = this.breast, figures = figuresOf(breast, this.side, this.told.catalogue);
+    const breast = this.breast,
+      figures = figuresOf(breast, this.side, this.told.catalogue);
     showFigures(figures);
     showFaults(faultsOf(breast, this.side, figures, this.told, this.skin), breast.wire && breast.apex);
   }
 
   #showPanel() {
-    const breast = this.breast, empty = Object.values(this.breasts).every(isEmpty);
+    const breast = this.breast,
+      empty = Object.values(this.breasts).every(isEmpty);
     showMarks(breast, this.placing, this.pending);
     showOrigin(breast, this.toldOf);
-    for (const tab of document.querySelectorAll("[data-side]")) tab.setAttribute("aria-pressed", String(tab.dataset.side === this.side));
+    for (const tab of document.querySelectorAll("[data-side]"))
+      tab.setAttribute("aria-pressed", String(tab.dataset.side === this.side));
     box("undo").disabled = !this.history.canUndo && !this.pending.length;
     box("redo").disabled = !this.history.canRedo;
     box("add").disabled = !this.chosen || this.chosen === "apex" || !this.breast.wire;
@@ -270,19 +329,26 @@ class Desk {
     const can = this.told.mirror && !isEmpty(breast) && this.told.sides.length > 1;
     box("mirror").disabled = !can;
     box("mirror").title = this.told.mirror ? "" : "The scan is no torso that is symmetric enough";
-    box("hint").textContent = hintFor(breast, this.placing, this.pending);
+    box("hint").textContent = hintFor(this);
     box("scan").classList.toggle("placing", this.placing !== null);
     box("mirror").textContent = `Copy to the ${other(this.side)} side`;
-    const when = this.savedAt ? `Saved ${new Date(this.savedAt).toLocaleString()}${this.dirty ? ", changed since" : ""}. ` : "";
-    const lost = this.dirty && this.kept === false ? "This browser keeps nothing: save before you close the page. " : "";
-    box("saved").textContent = `${lost}${when}Put ${this.told.file} into ${this.told.folder}, beside ${this.told.scan}.`;
+    const when = this.savedAt
+      ? `Saved ${new Date(this.savedAt).toLocaleString()}${this.dirty ? ", changed since" : ""}. `
+      : "";
+    const lost =
+      this.dirty && this.kept === false ? "This browser keeps nothing: save before you close the page. " : "";
+    box("saved").textContent =
+      `${lost}${when}Put ${this.told.file} into ${this.told.folder}, beside ${this.told.scan}.`;
   }
 
   redraw(turning = false) {
     if (turning) {
       this.turning = true;
       clearTimeout(this.rest);
-      this.rest = setTimeout(() => { this.turning = false; this.redraw(); }, Desk.REST);
+      this.rest = setTimeout(() => {
+        this.turning = false;
+        this.redraw();
+      }, Desk.REST);
     }
     if (this.waiting) return;
     this.waiting = true;
@@ -292,7 +358,8 @@ class Desk {
   #draw() {
     this.waiting = false;
     this.#dragged();
-    const canvas = box("scan"), begun = performance.now();
+    const canvas = box("scan"),
+      begun = performance.now();
     Object.assign(this.camera, { width: canvas.clientWidth, height: canvas.clientHeight });
     this.picture.draw(this.camera, strokesOf(this.breasts, this.side, this), this.turning);
     if (this.turning) {
@@ -304,7 +371,8 @@ class Desk {
 
   // Elements are moved, not made anew: that is cheaper by far.
   #drawLabels() {
-    const scale = this.camera.scale, step = [1, 2, 5, 10, 20, 50, 100, 200].filter((mm) => mm * scale < 140).pop() || 1;
+    const scale = this.camera.scale,
+      step = [1, 2, 5, 10, 20, 50, 100, 200].filter((mm) => mm * scale < 140).pop() || 1;
     const [words, line] = box("bar").children;
     if (words.textContent !== `${step} mm`) words.textContent = `${step} mm`;
     if (line.style.width !== `${step * scale}px`) line.style.width = `${step * scale}px`;

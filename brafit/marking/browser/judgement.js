@@ -3,7 +3,10 @@
 
 // The wire's frame: along its chord, out of the chest, down.
 function wireFrame(breast, side) {
-  const wire = breast.wire.points, first = wire[0], last = wire[wire.length - 1], middle = middleOf(wire);
+  const wire = breast.wire.points,
+    first = wire[0],
+    last = wire[wire.length - 1],
+    middle = middleOf(wire);
   const chord = unit(minus(last, first));
   let normal = [0, 0, 0];
   for (let i = 0; i < wire.length; i++) {
@@ -17,9 +20,14 @@ function wireFrame(breast, side) {
 
 function figuresOf(breast, side, catalogue) {
   if (!breast.wire) return null;
-  const wire = breast.wire.points, length = lengthOf(wire), span = apart(wire[0], wire[wire.length - 1]);
+  const wire = breast.wire.points,
+    length = lengthOf(wire),
+    span = apart(wire[0], wire[wire.length - 1]);
   const { chord, out, down } = wireFrame(breast, side);
-  const rises = wire.map((p) => { const away = minus(p, wire[0]); return size(along(away, -dot(away, chord), chord)); });
+  const rises = wire.map((p) => {
+    const away = minus(p, wire[0]);
+    return size(along(away, -dot(away, chord), chord));
+  });
   const low = evenly(wire, 200).reduce((sum, p) => sum + dot(minus(p, wire[0]), down), 0) / 200;
   const makers = new Map();
   for (const sold of catalogue) {
@@ -29,7 +37,11 @@ function figuresOf(breast, side, catalogue) {
   }
   const neckline = breast.inner && breast.outer ? lengthOf(breast.inner.points) + lengthOf(breast.outer.points) : null;
   return {
-    length, span, neckline, height: Math.max(...rises), low,
+    length,
+    span,
+    neckline,
+    height: Math.max(...rises),
+    low,
     depth: breast.apex ? dot(minus(breast.apex, wire[0]), out) : null,
     sold: [...makers.values()].sort((a, b) => a.off - b.off),
   };
@@ -40,7 +52,9 @@ const mm = (value) => `${value.toFixed(Math.abs(value) < 10 ? 1 : 0)} mm`;
 
 // What is wrong with a breast's marks: {refused: whether brafit would refuse them, says}.
 function faultsOf(breast, side, figures, told, skin) {
-  const b = told.bounds, found = [], say = (refused, says) => found.push({ refused, says });
+  const b = told.bounds,
+    found = [],
+    say = (refused, says) => found.push({ refused, says });
   const away = (line) => median(line.map((point) => skin.nearest(point, 2 * b.markDistance).away));
   if (figures) {
     const { length, span, height, low, depth } = figures;
@@ -49,22 +63,34 @@ function faultsOf(breast, side, figures, told, skin) {
     } else if (length < b.wireUsual[0] || length > b.wireUsual[1]) {
       say(false, `The wire is ${mm(length)} long; ${b.wireUsual.join(" to ")} mm are usual.`);
     }
-    if (span < b.leastSpan * length) say(true, "The wire's ends are too near to each other: trace it from the inner to the outer end only.");
+    if (span < b.leastSpan * length)
+      say(true, "The wire's ends are too near to each other: trace it from the inner to the outer end only.");
     else if (height < b.leastHeight * span) say(true, "The wire is nearly straight: trace the bow under the breast.");
-    else if (low <= 0 && breast.apex) say(true, `For a ${side} breast the wire runs the wrong way round: from the outer to the inner end, or it is the other breast's.`);
+    else if (low <= 0 && breast.apex)
+      say(
+        true,
+        `For a ${side} breast the wire runs the wrong way round: from the outer to the inner end, or it is the other breast's.`,
+      );
     if (told.size > b.covered * length && told.size <= b.oneBreast && height < b.bow * span) {
       say(true, "The wire covers only a part of the breast's line: trace the whole crease.");
     }
-    if (away(breast.wire.points) > b.wireDistance) say(true, `Most of the wire is more than ${b.wireDistance} mm off the skin.`);
+    if (away(breast.wire.points) > b.wireDistance)
+      say(true, `Most of the wire is more than ${b.wireDistance} mm off the skin.`);
     if (depth !== null) {
-      const share = depth / length, [least, most] = b.depthUsual, refused = share < b.depthPossible[0] || share > b.depthPossible[1];
+      const share = depth / length,
+        [least, most] = b.depthUsual,
+        refused = share < b.depthPossible[0] || share > b.depthPossible[1];
       if (share < least || share > most) {
-        say(refused, `The apex rises ${mm(depth)} over the wire's plane; ${mm(least * length)} to ${mm(most * length)} are usual.`);
+        say(
+          refused,
+          `The apex rises ${mm(depth)} over the wire's plane; ${mm(least * length)} to ${mm(most * length)} are usual.`,
+        );
       }
     }
   }
   for (const name of POINTS) {
-    if (breast[name] && away([breast[name]]) > b.markDistance) say(true, `${NAMES[name]}: more than ${b.markDistance} mm off the skin.`);
+    if (breast[name] && away([breast[name]]) > b.markDistance)
+      say(true, `${NAMES[name]}: more than ${b.markDistance} mm off the skin.`);
   }
   return found;
 }

@@ -4,13 +4,25 @@
 // the neckline's parts from the inner end to the strap and on to the outer end); origin; looked (somebody looked at it).
 // A line: via (its handles between its ends), points (the line itself: as it was given until a handle is moved).
 
-const ENDS = { wire: ["inner_end", "outer_end"], inner: ["inner_end", "strap_point"], outer: ["strap_point", "outer_end"] };
+const ENDS = {
+  wire: ["inner_end", "outer_end"],
+  inner: ["inner_end", "strap_point"],
+  outer: ["strap_point", "outer_end"],
+};
 const POINTS = ["inner_end", "outer_end", "strap_point", "apex"];
-const HANDLES = { wire: [7, 13], inner: [4, 9], outer: [4, 9] };   // least and most that a given line gets, ends included
-const MIRROR_REACH = 12;    // a mirrored handle is laid on skin that is so near, mm
+const HANDLES = { wire: [7, 13], inner: [4, 9], outer: [4, 9] }; // least and most that a given line gets, ends included
+const MIRROR_REACH = 12; // a mirrored handle is laid on skin that is so near, mm
 
 const nothing = (origin) => ({
-  inner_end: null, outer_end: null, strap_point: null, apex: null, wire: null, inner: null, outer: null, origin, looked: false,
+  inner_end: null,
+  outer_end: null,
+  strap_point: null,
+  apex: null,
+  wire: null,
+  inner: null,
+  outer: null,
+  origin,
+  looked: false,
 });
 const isEmpty = (breast) => POINTS.every((name) => breast[name] === null);
 const lineOf = (points, key) => ({ via: handlesFor(points, ...HANDLES[key]).slice(1, -1), points });
@@ -24,8 +36,10 @@ function breastOf(told) {
   breast.outer_end = told.wire[told.wire.length - 1];
   breast.wire = lineOf(told.wire, "wire");
   if (!told.upper) return breast;
-  const upper = apart(told.upper[0], breast.inner_end) <= apart(told.upper[0], breast.outer_end)
-    ? told.upper : told.upper.slice().reverse();
+  const upper =
+    apart(told.upper[0], breast.inner_end) <= apart(told.upper[0], breast.outer_end)
+      ? told.upper
+      : told.upper.slice().reverse();
   const corner = cornerOf(upper, breast.strap_point);
   breast.strap_point = breast.strap_point || upper[corner];
   breast.inner = lineOf(upper.slice(0, corner + 1), "inner");
@@ -35,7 +49,8 @@ function breastOf(told) {
 
 // Where a neckline has the strap: next to the marked point, else farthest from the chord of its ends.
 function cornerOf(upper, strap) {
-  const chord = unit(minus(upper[upper.length - 1], upper[0])), last = upper.length - 1;
+  const chord = unit(minus(upper[upper.length - 1], upper[0])),
+    last = upper.length - 1;
   const worth = (point) => {
     const away = minus(point, upper[0]);
     return strap ? -apart(point, strap) : size(along(away, -dot(away, chord), chord));
@@ -50,14 +65,22 @@ const handlesOf = (breast, key) => [breast[ENDS[key][0]], ...breast[key].via, br
 
 // All handles: id, place, the line or point that they belong to.
 function allHandles(breast) {
-  const via = Object.keys(ENDS).filter((key) => breast[key]).flatMap((key) =>
-    breast[key].via.map((at, i) => ({ id: `${key}.${i}`, at, of: key })));
+  const via = Object.keys(ENDS)
+    .filter((key) => breast[key])
+    .flatMap((key) => breast[key].via.map((at, i) => ({ id: `${key}.${i}`, at, of: key })));
   return [...via, ...POINTS.filter((name) => breast[name]).map((name) => ({ id: name, at: breast[name], of: name }))];
 }
 
-const redrawn = (breast, keys, skin) => keys.filter((key) => breast[key]).reduce((changed, key) => ({
-  ...changed, [key]: { via: changed[key].via, points: curveOnSkin(handlesOf(changed, key), skin) },
-}), breast);
+const redrawn = (breast, keys, skin) =>
+  keys
+    .filter((key) => breast[key])
+    .reduce(
+      (changed, key) => ({
+        ...changed,
+        [key]: { via: changed[key].via, points: curveOnSkin(handlesOf(changed, key), skin) },
+      }),
+      breast,
+    );
 
 // The breast with a handle elsewhere.
 function withHandle(breast, id, at, skin) {
@@ -72,12 +95,18 @@ function withHandle(breast, id, at, skin) {
 
 // The breast with one more handle on a line, at the place of it that is next to a point; and the handle's id.
 function withMore(breast, key, point, skin) {
-  const at = nearestOn(breast[key].points, point).place, handles = handlesOf(breast, key);
-  const order = (place) => { const { segment, place: on } = nearestOn(breast[key].points, place); return [segment, on]; };
+  const at = nearestOn(breast[key].points, point).place,
+    handles = handlesOf(breast, key);
+  const order = (place) => {
+    const { segment, place: on } = nearestOn(breast[key].points, place);
+    return [segment, on];
+  };
   const [segment, on] = order(at);
   const before = handles.slice(1, -1).filter((handle) => {
     const [own, where] = order(handle);
-    return own < segment || (own === segment && apart(where, breast[key].points[own]) < apart(on, breast[key].points[own]));
+    return (
+      own < segment || (own === segment && apart(where, breast[key].points[own]) < apart(on, breast[key].points[own]))
+    );
   }).length;
   const via = [...breast[key].via.slice(0, before), at, ...breast[key].via.slice(before)];
   return [redrawn({ ...breast, [key]: { ...breast[key], via }, looked: true }, [key], skin), `${key}.${before}`];
@@ -93,9 +122,14 @@ function withLess(breast, id, skin) {
 
 // The breast with a wire through places from its inner to its outer end.
 function withWire(breast, places, skin) {
-  const handles = handlesFor(curveOnSkin(places, skin), ...HANDLES.wire), last = handles.length - 1;
+  const handles = handlesFor(curveOnSkin(places, skin), ...HANDLES.wire),
+    last = handles.length - 1;
   const wire = { via: handles.slice(1, -1), points: [] };
-  return redrawn({ ...breast, inner_end: handles[0], outer_end: handles[last], wire, looked: true }, Object.keys(ENDS), skin);
+  return redrawn(
+    { ...breast, inner_end: handles[0], outer_end: handles[last], wire, looked: true },
+    Object.keys(ENDS),
+    skin,
+  );
 }
 
 // The breast with a neckline over the skin from wire end by wire end to the strap point, seen from the front.
@@ -122,23 +156,29 @@ function mirroredBreast(breast, mirror, skin) {
 
 // The landmark file of some breasts, by side, in the unit and frame of the scan.
 function landmarkFile(breasts, told) {
-  const place = (point) => point.map((value, k) => {
-    const own = (value + told.origin[k]) / told.factor;
-    return Number(own.toFixed(told.decimals));
-  });
-  const blocks = Object.entries(breasts).filter(([, breast]) => !isEmpty(breast)).map(([side, breast]) => {
-    const block = { side };
-    if (!breast.looked) block.proposed = true;
-    block.landmarks = {};
-    for (const name of POINTS) if (breast[name]) block.landmarks[name] = place(breast[name]);
-    if (breast.wire) {
-      const up = told.axes[1];
-      block.landmarks.wire_bottom = place(breast.wire.points.reduce((low, p) => (dot(p, up) < dot(low, up) ? p : low)));
-      block.wire = breast.wire.points.map(place);
-    }
-    if (breast.inner && breast.outer) block.upper_line = [...breast.inner.points, ...breast.outer.points.slice(1)].map(place);
-    return block;
-  });
+  const place = (point) =>
+    point.map((value, k) => {
+      const own = (value + told.origin[k]) / told.factor;
+      return Number(own.toFixed(told.decimals));
+    });
+  const blocks = Object.entries(breasts)
+    .filter(([, breast]) => !isEmpty(breast))
+    .map(([side, breast]) => {
+      const block = { side };
+      if (!breast.looked) block.proposed = true;
+      block.landmarks = {};
+      for (const name of POINTS) if (breast[name]) block.landmarks[name] = place(breast[name]);
+      if (breast.wire) {
+        const up = told.axes[1];
+        block.landmarks.wire_bottom = place(
+          breast.wire.points.reduce((low, p) => (dot(p, up) < dot(low, up) ? p : low)),
+        );
+        block.wire = breast.wire.points.map(place);
+      }
+      if (breast.inner && breast.outer)
+        block.upper_line = [...breast.inner.points, ...breast.outer.points.slice(1)].map(place);
+      return block;
+    });
   const head = { ...told.extra, name: told.name, units: told.unit };
   const data = blocks.length === 1 ? { ...head, ...blocks[0] } : { ...head, breasts: blocks };
   const number = "(-?[\\d.e+-]+)";

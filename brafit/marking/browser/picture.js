@@ -2,17 +2,20 @@
 // the machine draws in time; once it rests, all of them, smoothed.
 
 class Picture {
-  static FRAME = 22;       // ms that a picture may take while the view turns
-  static FINE = 400;       // ms that it may take once the view rests
-  static FEWEST = 8000;    // points that are always drawn
-  static LIFT = 4;         // lines are seen this far (mm) below the skin
+  static FRAME = 22; // ms that a picture may take while the view turns
+  static FINE = 400; // ms that it may take once the view rests
+  static FEWEST = 8000; // points that are always drawn
+  static LIFT = 4; // lines are seen this far (mm) below the skin
 
   constructor(canvas, skin, diagonal) {
     this.canvas = canvas;
     this.skin = skin;
     this.deep = 1.2 * diagonal;
     const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, powerPreference: "high-performance" });
-    if (!gl) throw new Error("This browser has no WebGL 2, which the picture needs: take a current Chromium, Firefox or Safari.");
+    if (!gl)
+      throw new Error(
+        "This browser has no WebGL 2, which the picture needs: take a current Chromium, Firefox or Safari.",
+      );
     this.gl = gl;
     this.discs = this.#program(DISCS_VERTEX, DISCS_FRAGMENT);
     this.fine = this.#program(DISCS_VERTEX, DISCS_FRAGMENT.replace("precision", "#define FINE\nprecision"));
@@ -21,9 +24,15 @@ class Picture {
     this.copy = this.#program(WHOLE_VERTEX, COPY_FRAGMENT);
     this.strokes = this.#program(STROKES_VERTEX, STROKES_FRAGMENT);
     this.points = this.#array(skin.buffer, gl.STATIC_DRAW, [
-      [3, gl.UNSIGNED_SHORT, 8, 0], [2, gl.BYTE, 8, 6], [1, gl.UNSIGNED_BYTE, 1, 8 * skin.count],
+      [3, gl.UNSIGNED_SHORT, 8, 0],
+      [2, gl.BYTE, 8, 6],
+      [1, gl.UNSIGNED_BYTE, 1, 8 * skin.count],
     ]);
-    this.dynamic = this.#array(0, gl.DYNAMIC_DRAW, [[3, gl.FLOAT, 40, 0], [3, gl.FLOAT, 40, 12], [4, gl.FLOAT, 40, 24]]);
+    this.dynamic = this.#array(0, gl.DYNAMIC_DRAW, [
+      [3, gl.FLOAT, 40, 0],
+      [3, gl.FLOAT, 40, 12],
+      [4, gl.FLOAT, 40, 24],
+    ]);
     this.empty = gl.createVertexArray();
     this.budget = Math.min(skin.count, 40000);
     this.sharpness = 0.64;
@@ -32,8 +41,12 @@ class Picture {
   }
 
   #program(vertex, fragment) {
-    const gl = this.gl, program = gl.createProgram();
-    for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+    const gl = this.gl,
+      program = gl.createProgram();
+    for (const [kind, source] of [
+      [gl.VERTEX_SHADER, vertex],
+      [gl.FRAGMENT_SHADER, fragment],
+    ]) {
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, source);
       gl.compileShader(shader);
@@ -51,7 +64,9 @@ class Picture {
   }
 
   #array(data, usage, attributes) {
-    const gl = this.gl, vertices = gl.createVertexArray(), buffer = gl.createBuffer();
+    const gl = this.gl,
+      vertices = gl.createVertexArray(),
+      buffer = gl.createBuffer();
     gl.bindVertexArray(vertices);
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.bufferData(gl.ARRAY_BUFFER, data, usage);
@@ -95,9 +110,12 @@ class Picture {
 
   // Draw the scan as the camera sees it, unless that picture is there already; then the strokes.
   draw(camera, strokes, turning) {
-    const begun = performance.now(), ratio = window.devicePixelRatio || 1, rows = camera.rows;
+    const begun = performance.now(),
+      ratio = window.devicePixelRatio || 1,
+      rows = camera.rows;
     const whole = [camera.width, camera.height].map((side) => Math.max(1, Math.round(side * ratio)));
-    const wanted = JSON.stringify([rows, camera.centre, camera.scale, whole, turning ? this.budget : 0]), anew = this.drawn !== wanted;
+    const wanted = JSON.stringify([rows, camera.centre, camera.scale, whole, turning ? this.budget : 0]),
+      anew = this.drawn !== wanted;
     if (anew) {
       // In steps, so that the textures are not made anew for every picture.
       const share = 0.8 ** Math.round(Math.log(turning ? this.sharpness : this.fineness) / Math.log(0.8));
@@ -117,8 +135,12 @@ class Picture {
   }
 
   #drawSkin(camera, rows, turning) {
-    const gl = this.gl, { program, places } = turning ? this.discs : this.fine, [width, height] = this.size, skin = this.skin;
-    const count = turning ? Math.min(this.budget, skin.count) : skin.count, pixels = camera.scale * height / camera.height;
+    const gl = this.gl,
+      { program, places } = turning ? this.discs : this.fine,
+      [width, height] = this.size,
+      skin = this.skin;
+    const count = turning ? Math.min(this.budget, skin.count) : skin.count,
+      pixels = (camera.scale * height) / camera.height;
     // Fewer points are larger, so that the skin stays closed.
     const wider = Math.sqrt(skin.count / count) * (turning ? 0.75 : 1);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.first);
@@ -134,7 +156,7 @@ class Picture {
     gl.uniform1f(places.depth, this.deep);
     gl.uniform1f(places.radius, 255 * skin.unitSize * wider);
     gl.uniform1f(places.pixels, pixels);
-    gl.uniform2f(places.scale, 2 * pixels / width, 2 * pixels / height);
+    gl.uniform2f(places.scale, (2 * pixels) / width, (2 * pixels) / height);
     gl.bindVertexArray(this.points.vertices);
     gl.drawArrays(gl.POINTS, 0, count);
     this.#drawShade(pixels, wider * skin.spacing, turning);
@@ -164,7 +186,8 @@ class Picture {
   #drawShade(pixels, radius, turning) {
     this.gl.disable(this.gl.DEPTH_TEST);
     if (!turning) {
-      const stride = Math.max(1, radius * pixels / 2.2), reach = Math.max(0.8, 0.7 * radius);
+      const stride = Math.max(1, (radius * pixels) / 2.2),
+        reach = Math.max(0.8, 0.7 * radius);
       this.#pass(this.smooth, this.halfway, this.normals, { reach, stride: [stride, 0] });
       this.#pass(this.smooth, this.again, this.smoothed, { reach, stride: [0, stride] });
     }
@@ -172,7 +195,8 @@ class Picture {
   }
 
   #drawCopy(width, height) {
-    const gl = this.gl, { program, places } = this.copy;
+    const gl = this.gl,
+      { program, places } = this.copy;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     gl.disable(gl.DEPTH_TEST);
@@ -188,7 +212,8 @@ class Picture {
 
   // Strokes: lines {points, width, colour} and dots {at, width, colour, filled}, painted in their order, lines first.
   #drawStrokes(camera, { lines, dots }, width, height, ratio) {
-    const gl = this.gl, { program, places } = this.strokes;
+    const gl = this.gl,
+      { program, places } = this.strokes;
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.useProgram(program);
@@ -199,13 +224,22 @@ class Picture {
     gl.uniform2f(places.share, this.size[0] / width, this.size[1] / height);
     const clip = (point) => {
       const [x, y, z] = camera.project(point);
-      return [2 * x / camera.width - 1, 1 - 2 * y / camera.height, -z / this.deep];
+      return [(2 * x) / camera.width - 1, 1 - (2 * y) / camera.height, -z / this.deep];
     };
     const corners = lines.flatMap((line) => ribbon(line, clip, width, height, ratio));
-    const spots = dots.flatMap((spot) => [...clip(spot.at), spot.width * ratio, spot.filled ? 1 : 0, 0, ...spot.colour]);
+    const spots = dots.flatMap((spot) => [
+      ...clip(spot.at),
+      spot.width * ratio,
+      spot.filled ? 1 : 0,
+      0,
+      ...spot.colour,
+    ]);
     gl.bindVertexArray(this.dynamic.vertices);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.dynamic.buffer);
-    for (const [numbers, kind, round] of [[corners, gl.TRIANGLES, 0], [spots, gl.POINTS, 1]]) {
+    for (const [numbers, kind, round] of [
+      [corners, gl.TRIANGLES, 0],
+      [spots, gl.POINTS, 1],
+    ]) {
       gl.uniform1f(places.round, round);
       gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(numbers), gl.DYNAMIC_DRAW);
       gl.drawArrays(kind, 0, numbers.length / 10);
@@ -234,22 +268,43 @@ class Picture {
   }
 
   // Wait until everything is drawn.
-  finish() { this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4)); }
+  finish() {
+    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
+  }
 }
 
 // A polyline as triangles, three corners of ten numbers each.
 function ribbon({ points, width: wide, colour }, clip, width, height, ratio) {
-  const flat = points.map(clip), half = wide * ratio / 2 + 1, out = [];
+  const flat = points.map(clip),
+    half = (wide * ratio) / 2 + 1,
+    out = [];
   const aside = flat.map((_, i) => {
-    const a = flat[Math.max(0, i - 1)], b = flat[Math.min(flat.length - 1, i + 1)];
-    const x = (b[0] - a[0]) * width, y = (b[1] - a[1]) * height, norm = Math.hypot(x, y) || 1;
-    return [-2 * half * y / norm / width, 2 * half * x / norm / height];
+    const a = flat[Math.max(0, i - 1)],
+      b = flat[Math.min(flat.length - 1, i + 1)];
+    const x = (b[0] - a[0]) * width,
+      y = (b[1] - a[1]) * height,
+      norm = Math.hypot(x, y) || 1;
+    return [(-2 * half * y) / norm / width, (2 * half * x) / norm / height];
   });
   const corner = (i, side) => [
-    flat[i][0] + side * aside[i][0], flat[i][1] + side * aside[i][1], flat[i][2], side, half, 0, ...colour,
+    flat[i][0] + side * aside[i][0],
+    flat[i][1] + side * aside[i][1],
+    flat[i][2],
+    side,
+    half,
+    0,
+    ...colour,
   ];
   for (let i = 0; i + 1 < flat.length; i++) {
-    for (const [k, side] of [[i, -1], [i, 1], [i + 1, 1], [i, -1], [i + 1, 1], [i + 1, -1]]) out.push(...corner(k, side));
+    for (const [k, side] of [
+      [i, -1],
+      [i, 1],
+      [i + 1, 1],
+      [i, -1],
+      [i + 1, 1],
+      [i + 1, -1],
+    ])
+      out.push(...corner(k, side));
   }
   return out;
 }

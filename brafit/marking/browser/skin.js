@@ -6,29 +6,40 @@
 // other side: their mean is exact to the second order, without a fit.
 
 function bytesOf(text) {
-  const raw = atob(text), out = new Uint8Array(raw.length);
+  const raw = atob(text),
+    out = new Uint8Array(raw.length);
   for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
   return out;
 }
 
 class Skin {
-  static CELL = 1.4;      // side of a cell of the grid, in discs of median size
-  static SMOOTH = 1.3;    // radius of the neighbourhood whose surface counts, likewise
-  static ALIKE = 0.5;     // least cosine between normals of one sheet
-  static FEW = 6;         // points that make a surface
+  static CELL = 1.4; // side of a cell of the grid, in discs of median size
+  static SMOOTH = 1.3; // radius of the neighbourhood whose surface counts, likewise
+  static ALIKE = 0.5; // least cosine between normals of one sheet
+  static FEW = 6; // points that make a surface
 
   constructor(data) {
-    const buffer = bytesOf(data.records).buffer, count = data.count;
-    Object.assign(this, { buffer, count, sizes: new Uint8Array(buffer, 8 * count), unitSize: data.spacing / data.sizes });
+    const buffer = bytesOf(data.records).buffer,
+      count = data.count;
+    Object.assign(this, {
+      buffer,
+      count,
+      sizes: new Uint8Array(buffer, 8 * count),
+      unitSize: data.spacing / data.sizes,
+    });
     this.spacing = data.spacing;
     this.extent = 65535 * data.step;
-    const shorts = new Uint16Array(buffer, 0, 4 * count), signed = new Int8Array(buffer, 0, 8 * count);
+    const shorts = new Uint16Array(buffer, 0, 4 * count),
+      signed = new Int8Array(buffer, 0, 8 * count);
     this.points = new Float32Array(3 * count);
     this.normals = new Float32Array(3 * count);
     for (let i = 0; i < count; i++) {
       for (let k = 0; k < 3; k++) this.points[3 * i + k] = data.step * shorts[4 * i + k];
-      const u = signed[8 * i + 6] / 127, v = signed[8 * i + 7] / 127, w = 1 - Math.abs(u) - Math.abs(v);
-      const x = w < 0 ? (1 - Math.abs(v)) * (u < 0 ? -1 : 1) : u, y = w < 0 ? (1 - Math.abs(u)) * (v < 0 ? -1 : 1) : v;
+      const u = signed[8 * i + 6] / 127,
+        v = signed[8 * i + 7] / 127,
+        w = 1 - Math.abs(u) - Math.abs(v);
+      const x = w < 0 ? (1 - Math.abs(v)) * (u < 0 ? -1 : 1) : u,
+        y = w < 0 ? (1 - Math.abs(u)) * (v < 0 ? -1 : 1) : v;
       const norm = Math.hypot(x, y, w);
       this.normals[3 * i] = x / norm;
       this.normals[3 * i + 1] = y / norm;
@@ -48,10 +59,15 @@ class Skin {
     const volume = high.reduce((product, side) => product * (side + 1), 1);
     this.cell = Math.max(Skin.CELL * this.spacing, Math.cbrt(volume / 3e6));
     this.sides = high.map((side) => Math.floor(side / this.cell) + 2);
-    const cells = new Int32Array(this.count), [wide, deep] = this.sides, p = this.points, share = 1 / this.cell;
+    const cells = new Int32Array(this.count),
+      [wide, deep] = this.sides,
+      p = this.points,
+      share = 1 / this.cell;
     this.starts = new Int32Array(wide * deep * this.sides[2] + 1);
     for (let i = 0; i < this.count; i++) {
-      const x = Math.floor(share * p[3 * i]), y = Math.floor(share * p[3 * i + 1]), z = Math.floor(share * p[3 * i + 2]);
+      const x = Math.floor(share * p[3 * i]),
+        y = Math.floor(share * p[3 * i + 1]),
+        z = Math.floor(share * p[3 * i + 2]);
       cells[i] = (z * deep + y) * wide + x;
       this.starts[cells[i] + 1]++;
     }
@@ -61,12 +77,19 @@ class Skin {
     for (let i = 0; i < this.count; i++) this.order[next[cells[i]]++] = i;
   }
 
-  point(i) { return [this.points[3 * i], this.points[3 * i + 1], this.points[3 * i + 2]]; }
-  normal(i) { return [this.normals[3 * i], this.normals[3 * i + 1], this.normals[3 * i + 2]]; }
+  point(i) {
+    return [this.points[3 * i], this.points[3 * i + 1], this.points[3 * i + 2]];
+  }
+  normal(i) {
+    return [this.normals[3 * i], this.normals[3 * i + 1], this.normals[3 * i + 2]];
+  }
 
   // Calls use(index, squared distance) for all points nearer to a place than a radius.
   #around(place, radius, use) {
-    const low = [0, 0, 0], high = [0, 0, 0], p = this.points, square = radius * radius;
+    const low = [0, 0, 0],
+      high = [0, 0, 0],
+      p = this.points,
+      square = radius * radius;
     for (let k = 0; k < 3; k++) {
       low[k] = Math.max(0, Math.floor((place[k] - radius) / this.cell));
       high[k] = Math.min(this.sides[k] - 1, Math.floor((place[k] + radius) / this.cell));
@@ -77,7 +100,9 @@ class Skin {
         if (low[0] > high[0]) continue;
         for (let j = this.starts[row + low[0]]; j < this.starts[row + high[0] + 1]; j++) {
           const i = this.order[j];
-          const dx = p[3 * i] - place[0], dy = p[3 * i + 1] - place[1], dz = p[3 * i + 2] - place[2];
+          const dx = p[3 * i] - place[0],
+            dy = p[3 * i + 1] - place[1],
+            dz = p[3 * i + 2] - place[2];
           const away = dx * dx + dy * dy + dz * dz;
           if (away < square) use(i, away);
         }
@@ -87,9 +112,15 @@ class Skin {
 
   // Index of the nearest point and its distance; -1 where none is within reach.
   nearest(place, reach) {
-    let best = -1, least = Infinity;
+    let best = -1,
+      least = Infinity;
     for (let radius = Math.min(2 * this.spacing, reach); best < 0; radius = Math.min(2.5 * radius, reach)) {
-      this.#around(place, radius, (i, away) => { if (away < least) { least = away; best = i; } });
+      this.#around(place, radius, (i, away) => {
+        if (away < least) {
+          least = away;
+          best = i;
+        }
+      });
       if (radius >= reach) break;
     }
     return { index: best, away: Math.sqrt(least) };
@@ -97,7 +128,8 @@ class Skin {
 
   // f and n of the surface about a place, of the sheet that looks about as `facing`; null where there are too few points.
   #field(place, facing) {
-    const n = this.normals, p = this.points;
+    const n = this.normals,
+      p = this.points;
     for (let radius = Skin.SMOOTH * this.spacing, k = 0; k < 3; k++, radius *= 1.7) {
       const found = [];
       let mean = [0, 0, 0];
@@ -110,11 +142,18 @@ class Skin {
       });
       if (found.length < 2 * Skin.FEW) continue;
       mean = unit(mean);
-      let sum = 0, total = 0;
+      let sum = 0,
+        total = 0;
       for (let j = 0; j < found.length; j += 2) {
-        const i = 3 * found[j], weight = Math.abs(found[j + 1]), sign = Math.sign(found[j + 1]);
-        sum += weight * ((sign * n[i] + mean[0]) * (place[0] - p[i]) + (sign * n[i + 1] + mean[1]) * (place[1] - p[i + 1])
-          + (sign * n[i + 2] + mean[2]) * (place[2] - p[i + 2])) / 2;
+        const i = 3 * found[j],
+          weight = Math.abs(found[j + 1]),
+          sign = Math.sign(found[j + 1]);
+        sum +=
+          (weight *
+            ((sign * n[i] + mean[0]) * (place[0] - p[i]) +
+              (sign * n[i + 1] + mean[1]) * (place[1] - p[i + 1]) +
+              (sign * n[i + 2] + mean[2]) * (place[2] - p[i + 2]))) /
+          2;
         total += weight;
       }
       return { value: sum / total, normal: mean };
@@ -149,24 +188,36 @@ class Skin {
   }
 
   #firstDisc(origin, towards, step) {
-    const { points: p, normals: n, sizes } = this, [ox, oy, oz] = origin, [dx, dy, dz] = towards, most = (255 * step) ** 2;
-    let best = -1, farthest = -Infinity;
+    const { points: p, normals: n, sizes } = this,
+      [ox, oy, oz] = origin,
+      [dx, dy, dz] = towards,
+      most = (255 * step) ** 2;
+    let best = -1,
+      farthest = -Infinity;
     for (let i = 0; i < p.length; i += 3) {
-      const x = p[i] - ox, y = p[i + 1] - oy, z = p[i + 2] - oz, t = x * dx + y * dy + z * dz;
+      const x = p[i] - ox,
+        y = p[i + 1] - oy,
+        z = p[i + 2] - oz,
+        t = x * dx + y * dy + z * dz;
       const away = x * x + y * y + z * z - t * t;
       if (away > most) continue;
-      const radius = step * sizes[i / 3], square = radius * radius;
+      const radius = step * sizes[i / 3],
+        square = radius * radius;
       if (away > square || t + radius < farthest) continue;
       const slant = n[i] * dx + n[i + 1] * dy + n[i + 2] * dz;
       if (Math.abs(slant) < 0.05) continue;
       const s = (n[i] * x + n[i + 1] * y + n[i + 2] * z) / slant;
-      if (away + (s - t) * (s - t) <= square && s > farthest) { farthest = s; best = i / 3; }
+      if (away + (s - t) * (s - t) <= square && s > farthest) {
+        farthest = s;
+        best = i / 3;
+      }
     }
     return best < 0 ? null : { index: best, t: farthest };
   }
 
   #refined(origin, towards, first) {
-    const facing = this.normal(first.index), most = 2 * this.spacing;
+    const facing = this.normal(first.index),
+      most = 2 * this.spacing;
     let t = first.t;
     for (let k = 0; k < 6; k++) {
       const field = this.#field(along(origin, t, towards), facing);
