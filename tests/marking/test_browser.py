@@ -260,3 +260,17 @@ def test_a_hidden_mark_stays_on_its_own_skin(page):
     after = np.array(page.evaluate("brafitMark.breast.apex"))
     assert 1 < np.linalg.norm(after - before) < 12
     assert off_skin(after[None] + page.evaluate("brafitMark.told.origin"))[0] < 0.5
+
+
+def test_a_hole_does_not_draw_copied_marks_to_its_rim(tmp_path, context):
+    path, points = tmp_path / "torso.npy", torso_points(POINTS)
+    hole = np.array([-OUT, UP - WIRE, float(front(np.array(-OUT), np.array(UP - WIRE)))])
+    write_torso(path, points[np.linalg.norm(points - hole, axis=1) > 20], torso_marks(path))
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path)])
+    page = opened(context, tmp_path / "torso.html")
+    page.click("#mirror")
+    left, right = sorted(read_breasts(saved(page, tmp_path)), key=lambda breast: breast.side)
+    assert left.wire is not None
+    assert right.wire is not None
+    assert distances(right.wire * [-1, 1, 1], left.wire).max() < 1.5

@@ -16,6 +16,7 @@ class Skin {
   static CELL = 1.4; // side of a cell of the grid, in discs of median size
   static SMOOTH = 1.3; // radius of the neighbourhood whose surface counts, likewise
   static ALIKE = 0.5; // least cosine between normals of one sheet
+  static RIM = 1.5; // farther from the nearest point there is no skin, in its discs
   static FEW = 6; // points that make a surface
 
   constructor(data) {
@@ -161,14 +162,14 @@ class Skin {
     return null;
   }
 
-  // The place on the skin next to a place; null where there is none within reach.
+  // The place on the skin next to a place; null where there is none within reach, or only the rim of a hole.
   settled(place, reach) {
     const { index } = this.nearest(place, reach);
     if (index < 0) return null;
     // From the nearest point's tangent plane on, so that the neighbourhoods looked at are those of the surface.
     const facing = this.normal(index);
     let at = along(place, dot(minus(this.point(index), place), facing), facing);
-    if (apart(at, this.point(index)) > 2 * this.spacing) at = this.point(index);
+    if (apart(at, this.point(index)) > Skin.RIM * Math.max(this.spacing, this.unitSize * this.sizes[index])) return null;
     for (let k = 0; k < 3; k++) {
       const field = this.#field(at, facing);
       if (field === null) return this.point(index);
