@@ -159,17 +159,18 @@ def test_a_breast_is_marked_by_clicks_alone_and_copied_to_the_other_side(tmp_pat
     angle = np.linspace(0, np.pi, 7)
     wire = np.stack([-OUT + WIRE * np.cos(angle), UP - WIRE * np.sin(angle)], axis=1)
 
-    def click(x: float, y: float) -> None:
+    def click(x: float, y: float, count: int = 1) -> None:
         place, towards = ray(view, 0, 0)
         assert towards == pytest.approx([0, 0, 1], abs=0.03)
         right, up, _ = np.array(view["rows"])
         away = np.array([x, y, float(front(np.array(x), np.array(y)))]) - place
-        page.mouse.click(view["scale"] * float(away @ right), -view["scale"] * float(away @ up))
+        across, down = view["scale"] * float(away @ right), -view["scale"] * float(away @ up)
+        page.mouse.click(across, down, click_count=count)
 
-    for x, y in wire:
+    for x, y in wire[:-1]:
         click(x, y)
     assert "finish it" in page.locator("#hint").inner_text()
-    page.keyboard.press("Enter")
+    click(*wire[-1], count=2)
     click(-OUT - 5, UP + 80)
     click(-OUT, UP)
     assert page.locator("#hint").inner_text() == "Save when you are done."
