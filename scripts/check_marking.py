@@ -70,6 +70,8 @@ def opened(context: Any, file: Path, errors: list[Any] | None = None) -> Any:
     """A page of a scan once it is drawn.
 
     Args:
+        context: of playwright's browser.
+        file: the page.
         errors: what goes wrong in the page is added to it.
     """
     page = context.new_page()

@@ -78,7 +78,11 @@ def write_page(path: Path, name: str, out: Path, side: str | None = None, units:
     """Write the page of one scan into a folder; gives its line of the page over all.
 
     Args:
-        side, units: as of `brafit.marking.marking_page`.
+        path: the scan.
+        name: of the scan and of its page's file.
+        out: the folder.
+        side: the only breast to be marked; None: all that it may hold.
+        units: of the scan, where they are said.
 
     Raises:
         InputError: one line naming file, cause and remedy.
