@@ -218,7 +218,7 @@ def refusal(path: Path, found: Sequence[Confidence], how: str = "proposed") -> I
         cause = f"the other side's marks, mirrored, are not those of the {side}breast: {faults}"
         return InputError(path, cause, f"Add the {side}breast to the landmark file: breasts: [...]")
     cause = f"the landmarks proposed for the {side}breast are not plausible: {faults}"
-    return InputError(path, cause, "Mark them by hand: brafit-inspect draws the body, and writes a file to correct")
+    return InputError(path, cause, "Mark them by hand, on a page of brafit-mark")
 
 
 OFF = "give or take 3 mm at the apex and 21 mm at the wire's ends, on some bodies 14 and 65 mm"

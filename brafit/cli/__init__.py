@@ -1,1 +1,1 @@
-"""The commands: brafit, brafit-inspect, brafit-collect."""
+"""The commands: brafit, brafit-inspect, brafit-mark, brafit-collect."""

@@ -13,6 +13,8 @@ from brafit.geometry.polyline import evenly_spaced, polyline_length
 
 END_TOLERANCE = 5.0
 """How far (mm) a line's end may lie from the point where it should end."""
+LEAST_SPAN, LEAST_HEIGHT = 0.2, 0.1
+"""Least distance between a wire's ends over its length, and least height of its bow over that distance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,13 +140,13 @@ def _bow_chord(wire: np.ndarray, file: str | Path) -> np.ndarray:
     chord = wire[-1] - wire[0]
     span = float(np.linalg.norm(chord))
     length = polyline_length(wire)
-    if span < 0.2 * length:
+    if span < LEAST_SPAN * length:
         cause = f"wire: its ends are only {span:.1f} mm apart on {length:.0f} mm of length"
         raise InputError(file, cause, "Trace it from the inner to the outer end only, not round the breast")
     y = chord / span
     offset = wire - wire[0]
     height = float(np.linalg.norm(offset - np.outer(offset @ y, y), axis=1).max())
-    if height < 0.1 * span:
+    if height < LEAST_HEIGHT * span:
         cause = f"wire: nearly straight, {height:.1f} mm high on {span:.0f} mm of span"
         raise InputError(file, cause, "Trace the bow in the crease under the breast")
     return y

@@ -27,6 +27,8 @@ POINT_NAMES = ("inner_end", "outer_end", "wire_bottom", "apex", "strap_point")
 BREAST_FIELDS = ("side", "landmarks", "wire", "upper_line", "proposed")
 FIELDS = ("name", "units", *BREAST_FIELDS, "breasts")
 WIRE_POINTS = 4
+DECIMALS = {"mm": 3, "cm": 4, "in": 5, "m": 6}
+"""Decimals of positions that are written, by unit: a thousandth of a millimetre."""
 
 SCHEMA = "See brafit/landmarks/landmarks.schema.json for the format"
 
@@ -131,22 +133,22 @@ def landmarks_text(breasts: Sequence[Landmarks]) -> str:
     """A landmark file of these breasts (of one scan), a point a line, to be looked at and corrected by hand."""
     first = breasts[0]
     head = {"name": first.name, "units": first.units or "mm"}
-    blocks = [_block(breast) for breast in breasts]
+    blocks = [_block(breast, DECIMALS[head["units"]]) for breast in breasts]
     data: dict[str, Any] = {**head, **blocks[0]} if len(blocks) == 1 else {**head, "breasts": blocks}
     text = json.dumps(data, indent=1)
     # Points on one line each.
     return re.sub(r"\[\s+(-?[\d.e+-]+),\s+(-?[\d.e+-]+),\s+(-?[\d.e+-]+)\s+\]", r"[\1, \2, \3]", text) + "\n"
 
 
-def _block(breast: Landmarks) -> dict[str, Any]:
+def _block(breast: Landmarks, decimals: int) -> dict[str, Any]:
     block: dict[str, Any] = {"side": breast.side}
     if breast.proposed:
         block["proposed"] = True
     if breast.points:
-        block["landmarks"] = {name: np.round(point, 3).tolist() for name, point in breast.points.items()}
+        block["landmarks"] = {name: np.round(point, decimals).tolist() for name, point in breast.points.items()}
     for name, line in (("wire", breast.wire), ("upper_line", breast.upper_line)):
         if line is not None:
-            block[name] = np.round(line, 3).tolist()
+            block[name] = np.round(line, decimals).tolist()
     return block
 
 

@@ -127,7 +127,7 @@ def with_marks(raw: Cloud, marks: Path | Landmarks, units: str | None, propose: 
     if marks.exists():
         return _given(raw, read_breasts(marks), units)
     if not propose:
-        remedy = f"Write {marks.name} (brafit-inspect proposes one), or set scan.propose=true"
+        remedy = f"Write {marks.name} (by hand on a page of brafit-mark), or set scan.propose=true"
         raise InputError(raw.path, f"no landmark file {marks.name} beside the cloud", remedy)
     stated = units or raw.unit
     unit = stated or body_unit(raw.path, raw.points)

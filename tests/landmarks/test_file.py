@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from breasts import cup_frame_landmarks, write_landmarks
+from breasts import cup_frame_landmarks, transformed, write_landmarks
 
 from brafit.errors import InputError
 from brafit.landmarks import landmarks_path, landmarks_text, read_breasts, read_landmarks
+from brafit.landmarks.units import MILLIMETRES
 from brafit.samples import sample_paths
 
 SEE = "See brafit/landmarks/landmarks.schema.json for the format."
@@ -142,3 +143,14 @@ def test_both_breasts_of_a_file(tmp_path):
     assert message(path) == "breasts: the left one twice. Give each side once."
     write_landmarks(path, {"side": "left", "breasts": [left]})
     assert message(path) == "side: stands beside breasts, but belongs into it. Write it in each of breasts."
+
+
+@pytest.mark.parametrize("unit", MILLIMETRES)
+def test_what_is_written_is_exact_in_every_unit(tmp_path, unit: str):
+    given = cup_frame_landmarks()
+    path, factor = tmp_path / "a.json", MILLIMETRES[unit]
+    write_landmarks(path, transformed({**given, "units": unit}, lambda places: np.asarray(places) / factor))
+    exact = read_landmarks(path)
+    path.write_text(landmarks_text([exact]))
+    off = factor * np.abs(read_landmarks(path).positions() - exact.positions())
+    assert off.max() < 0.002

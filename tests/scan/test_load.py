@@ -107,7 +107,7 @@ def test_missing_cloud_and_missing_landmark_file(tmp_path):
     landmarks_path(path).unlink()
     assert message(path) == (
         "no landmark file breast.json beside the cloud. "
-        "Write breast.json (brafit-inspect proposes one), or set scan.propose=true."
+        "Write breast.json (by hand on a page of brafit-mark), or set scan.propose=true."
     )
     path.unlink()
     assert message(path) == "there is no such file. Check the path."

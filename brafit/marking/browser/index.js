@@ -1,0 +1,32 @@
+// Which scans are done, as this browser remembers; pages of files share its store in most browsers.
+"use strict";
+(function () {
+  const show = () => {
+    let done = 0;
+    for (const row of document.querySelectorAll("tr[data-key]")) {
+      let kept = null;
+      try {
+        kept = JSON.parse(localStorage.getItem(row.dataset.key));
+      } catch {
+        /* no store for pages of files */
+      }
+      const cell = row.querySelector(".state"),
+        when = kept && new Date(kept.savedAt || kept.editedAt).toLocaleString();
+      const words = !kept
+        ? row.dataset.start
+        : kept.savedAt && !kept.dirty
+          ? `saved ${when}`
+          : `begun, not saved ${when}`;
+      const state = kept ? (kept.savedAt && !kept.dirty ? "done" : "begun") : row.dataset.state;
+      cell.textContent = words;
+      cell.dataset.value = { done: "0", begun: "1", todo: "2" }[state] + words;
+      cell.className = `state ${state}`;
+      done += state === "done";
+    }
+    document.getElementById("done").textContent = String(done);
+  };
+  addEventListener("pageshow", show);
+  addEventListener("focus", show);
+  addEventListener("storage", show);
+  show();
+})();

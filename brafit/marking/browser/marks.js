@@ -1,0 +1,187 @@
+// The marks of one breast, and what a person does to them. A breast is never changed: each edit makes a new one.
+//
+// A breast: inner_end, outer_end, strap_point, apex (places or null); wire, inner, outer (lines or null: the wire, and
+// the neckline's parts from the inner end to the strap and on to the outer end); origin; looked (somebody looked at it).
+// A line: via (its handles between its ends), points (the line itself: as it was given until a handle is moved).
+
+const ENDS = {
+  wire: ["inner_end", "outer_end"],
+  inner: ["inner_end", "strap_point"],
+  outer: ["strap_point", "outer_end"],
+};
+const POINTS = ["inner_end", "outer_end", "strap_point", "apex"];
+const HANDLES = { wire: [7, 13], inner: [4, 9], outer: [4, 9] }; // least and most that a given line gets, ends included
+const MIRROR_REACH = 12; // a mirrored handle is laid on skin that is so near, mm
+
+const nothing = (origin) => ({
+  inner_end: null,
+  outer_end: null,
+  strap_point: null,
+  apex: null,
+  wire: null,
+  inner: null,
+  outer: null,
+  origin,
+  looked: false,
+});
+const isEmpty = (breast) => POINTS.every((name) => breast[name] === null);
+const lineOf = (points, key) => ({ via: handlesFor(points, ...HANDLES[key]).slice(1, -1), points });
+
+// A breast as the page was told of it.
+function breastOf(told) {
+  const breast = { ...nothing(told.origin), looked: told.origin === "given" };
+  for (const name of POINTS) breast[name] = told.points[name] || null;
+  if (!told.wire) return breast;
+  breast.inner_end = told.wire[0];
+  breast.outer_end = told.wire[told.wire.length - 1];
+  breast.wire = lineOf(told.wire, "wire");
+  if (!told.upper) return breast;
+  const upper =
+    apart(told.upper[0], breast.inner_end) <= apart(told.upper[0], breast.outer_end)
+      ? told.upper
+      : told.upper.slice().reverse();
+  const corner = cornerOf(upper, breast.strap_point);
+  breast.strap_point = breast.strap_point || upper[corner];
+  breast.inner = lineOf(upper.slice(0, corner + 1), "inner");
+  breast.outer = lineOf(upper.slice(corner), "outer");
+  return breast;
+}
+
+// Where a neckline has the strap: next to the marked point, else farthest from the chord of its ends.
+function cornerOf(upper, strap) {
+  const chord = unit(minus(upper[upper.length - 1], upper[0])),
+    last = upper.length - 1;
+  const worth = (point) => {
+    const away = minus(point, upper[0]);
+    return strap ? -apart(point, strap) : size(along(away, -dot(away, chord), chord));
+  };
+  let best = 1;
+  for (let i = 1; i < last; i++) if (worth(upper[i]) > worth(upper[best])) best = i;
+  return best;
+}
+
+const endsOf = (breast, key) => ENDS[key].map((name) => breast[name]);
+const handlesOf = (breast, key) => [breast[ENDS[key][0]], ...breast[key].via, breast[ENDS[key][1]]];
+
+// All handles: id, place, the line or point that they belong to.
+function allHandles(breast) {
+  const via = Object.keys(ENDS)
+    .filter((key) => breast[key])
+    .flatMap((key) => breast[key].via.map((at, i) => ({ id: `${key}.${i}`, at, of: key })));
+  return [...via, ...POINTS.filter((name) => breast[name]).map((name) => ({ id: name, at: breast[name], of: name }))];
+}
+
+const redrawn = (breast, keys, skin) =>
+  keys
+    .filter((key) => breast[key])
+    .reduce(
+      (changed, key) => ({
+        ...changed,
+        [key]: { via: changed[key].via, points: curveOnSkin(handlesOf(changed, key), skin) },
+      }),
+      breast,
+    );
+
+// The breast with a handle elsewhere.
+function withHandle(breast, id, at, skin) {
+  const [key, i] = id.split(".");
+  if (i === undefined) {
+    const touched = Object.keys(ENDS).filter((line) => ENDS[line].includes(id));
+    return redrawn({ ...breast, [id]: at, looked: true }, touched, skin);
+  }
+  const via = breast[key].via.map((old, k) => (k === Number(i) ? at : old));
+  return redrawn({ ...breast, [key]: { ...breast[key], via }, looked: true }, [key], skin);
+}
+
+// The breast with one more handle on a line, at the place of it that is next to a point; and the handle's id.
+function withMore(breast, key, point, skin) {
+  const at = nearestOn(breast[key].points, point).place,
+    handles = handlesOf(breast, key);
+  const order = (place) => {
+    const { segment, place: on } = nearestOn(breast[key].points, place);
+    return [segment, on];
+  };
+  const [segment, on] = order(at);
+  const before = handles.slice(1, -1).filter((handle) => {
+    const [own, where] = order(handle);
+    return (
+      own < segment || (own === segment && apart(where, breast[key].points[own]) < apart(on, breast[key].points[own]))
+    );
+  }).length;
+  const via = [...breast[key].via.slice(0, before), at, ...breast[key].via.slice(before)];
+  return [redrawn({ ...breast, [key]: { ...breast[key], via }, looked: true }, [key], skin), `${key}.${before}`];
+}
+
+// The breast without a handle of a line; null where the line needs it.
+function withLess(breast, id, skin) {
+  const [key, i] = id.split(".");
+  if (i === undefined || breast[key].via.length <= (key === "wire" ? 2 : 1)) return null;
+  const via = breast[key].via.filter((_, k) => k !== Number(i));
+  return redrawn({ ...breast, [key]: { ...breast[key], via }, looked: true }, [key], skin);
+}
+
+// The breast with a wire through places from its inner to its outer end.
+function withWire(breast, places, skin) {
+  const handles = handlesFor(curveOnSkin(places, skin), ...HANDLES.wire),
+    last = handles.length - 1;
+  const wire = { via: handles.slice(1, -1), points: [] };
+  return redrawn(
+    { ...breast, inner_end: handles[0], outer_end: handles[last], wire, looked: true },
+    Object.keys(ENDS),
+    skin,
+  );
+}
+
+// The breast with a neckline over the skin from wire end by wire end to the strap point, seen from the front.
+function withNeckline(breast, towards, skin) {
+  const made = (key) => {
+    const [a, b] = endsOf(breast, key);
+    return { via: [0.25, 0.5, 0.75].map((s) => skin.hit(between(a, b, s), towards) || between(a, b, s)), points: [] };
+  };
+  return redrawn({ ...breast, inner: made("inner"), outer: made("outer"), looked: true }, ["inner", "outer"], skin);
+}
+
+// A breast's marks on the other side of the body, laid on the skin there.
+function mirroredBreast(breast, mirror, skin) {
+  const image = (point) => {
+    if (point === null) return null;
+    const flipped = along(point, -2 * (dot(point, mirror.normal) - mirror.offset), mirror.normal);
+    return skin.settled(flipped, MIRROR_REACH) || flipped;
+  };
+  const changed = { ...nothing("mirrored") };
+  for (const name of POINTS) changed[name] = image(breast[name]);
+  for (const key of Object.keys(ENDS)) if (breast[key]) changed[key] = { via: breast[key].via.map(image), points: [] };
+  return redrawn(changed, Object.keys(ENDS), skin);
+}
+
+// The landmark file of some breasts, by side, in the unit and frame of the scan.
+function landmarkFile(breasts, told) {
+  const place = (point) =>
+    point.map((value, k) => {
+      const own = (value + told.origin[k]) / told.factor;
+      return Number(own.toFixed(told.decimals));
+    });
+  const blocks = Object.entries(breasts)
+    .filter(([, breast]) => !isEmpty(breast))
+    .map(([side, breast]) => {
+      const block = { side };
+      if (!breast.looked) block.proposed = true;
+      block.landmarks = {};
+      for (const name of POINTS) if (breast[name]) block.landmarks[name] = place(breast[name]);
+      if (breast.wire) {
+        const up = told.axes[1];
+        block.landmarks.wire_bottom = place(
+          breast.wire.points.reduce((low, p) => (dot(p, up) < dot(low, up) ? p : low)),
+        );
+        block.wire = breast.wire.points.map(place);
+      }
+      if (breast.inner && breast.outer)
+        block.upper_line = [...breast.inner.points, ...breast.outer.points.slice(1)].map(place);
+      return block;
+    });
+  const head = { ...told.extra, name: told.name, units: told.unit };
+  const data = blocks.length === 1 ? { ...head, ...blocks[0] } : { ...head, breasts: blocks };
+  const number = "(-?[\\d.e+-]+)";
+  const threes = new RegExp(`\\[\\s+${number},\\s+${number},\\s+${number}\\s+\\]`, "g");
+  return JSON.stringify(data, null, 1).replace(threes, "[$1, $2, $3]") + "\n";
+}

@@ -1,0 +1,201 @@
+"""With what the marking of a scan begins: its landmark file, else proposals, else nothing; and how it is looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from brafit.anatomy.body import Body, body_from_marks
+from brafit.anatomy.confidence import Confidence
+from brafit.anatomy.torso import body_of
+from brafit.cloud.read import Cloud
+from brafit.errors import InputError
+from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
+from brafit.landmarks.units import MILLIMETRES, body_unit, unit_of
+from brafit.scan.framed import framed
+from brafit.scan.marked import Marked, Whole, with_marks
+from brafit.surface.symmetry import Mirror
+
+SIZE_POSSIBLE, SIZE_USUAL = (150.0, 2500.0), (200.0, 450.0)
+"""Diagonal (mm) of a scan of one breast or more; of most of one breast."""
+MIRROR_MOST = 8.0
+"""Rms (mm) between a body and its mirror image up to which marks are copied: a person looks at them."""
+UPRIGHT = 0.9
+"""Cosine from which on an axis of the scan is taken for the vertical that the marks show."""
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What is known of a scan before a person marks it; lengths in mm.
+
+    Attributes:
+        whole: the scan.
+        unit: of its file, and of the landmark file to be written.
+        unit_from: what the unit was found from; empty if it was said.
+        breasts: marks to begin with, each with its wire from the inner to the outer end.
+        confidence: of those that nobody looked at, by side.
+        detected: sides whose wire the landmark file does not have: it was found in the crease.
+        sides: breasts that can be marked.
+        axes: rows: to the wearer's left, up, out of the chest.
+        mirror: the plane between left and right, if the body is symmetric enough to carry marks over.
+        notes: what the person should know, a line each.
+    """
+
+    whole: Whole
+    unit: str
+    unit_from: str
+    breasts: tuple[Landmarks, ...]
+    confidence: dict[str, Confidence]
+    detected: tuple[str, ...]
+    sides: tuple[str, ...]
+    axes: Float[ndarray, "3 3"]
+    mirror: Mirror | None
+    notes: tuple[str, ...]
+
+
+def start_of(raw: Cloud, side: str | None = None, units: str | None = None) -> Start:
+    """The start for a scan.
+
+    Args:
+        raw: the scan as its file has it.
+        side: the only breast to be marked; None: all that it may hold.
+        units: of the scan, where they are said.
+
+    Raises:
+        InputError: the landmark file beside it cannot be read; the unit is in doubt.
+    """
+    file = landmarks_path(raw.path)
+    if file.exists():
+        marked = with_marks(raw, file, units, propose=False)
+        return _marked(marked, side, marked.units.found)
+    unit, found = _unit(raw, units)
+    try:
+        return _marked(with_marks(raw, file, unit, propose=True), side, found)
+    except InputError as error:
+        return _by_hand(raw, side, unit, found, error)
+
+
+def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
+    """The start where marks are given or proposed."""
+    notes: list[str] = []
+    found = [_breast(marked, marks, notes) for marks in marked.breasts]
+    notes += [f"{one.side} breast: {fault}" for one in marked.proposed.values() for fault in one.faults]
+    return Start(
+        whole=marked.whole,
+        unit=marked.units.cloud,
+        unit_from=unit_from,
+        breasts=tuple(marks for marks, *_ in found),
+        confidence={marks.side: confidence for marks, _, confidence in found if confidence is not None},
+        detected=tuple(marks.side for marks, origin, _ in found if origin == "detected"),
+        sides=_sides(marked.whole, side, [marks.side for marks in marked.breasts]),
+        axes=_axes(marked),
+        mirror=_mirror(marked.whole),
+        notes=tuple(notes),
+    )
+
+
+def _breast(marked: Marked, marks: Landmarks, notes: list[str]) -> tuple[Landmarks, str, Confidence | None]:
+    """One breast's marks with the wire that a fit takes, where that is from, and how far marks that nobody looked at
+    can be trusted; why a fit would refuse them is noted.
+    """
+    try:
+        breast = framed(marked, marks.side, None)
+    except InputError as error:
+        notes.append(f"{marks.side} breast, as it is marked now: {error.cause}")
+        return marks, "given", marked.proposed.get(marks.side)
+    return breast.marks, breast.wire_origin, breast.confidence
+
+
+def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputError) -> Start:
+    """The start where nothing is marked and nothing can be proposed."""
+    whole = Whole(replace(raw, points=raw.points * MILLIMETRES[unit]))
+    body = _body(whole)
+    return Start(
+        whole=whole,
+        unit=unit,
+        unit_from=found,
+        breasts=(),
+        confidence={},
+        detected=(),
+        sides=_sides(whole, side, []),
+        axes=_facing(whole.cloud.points) if body is None else np.stack([body.left, body.up, body.front]),
+        mirror=_mirror(whole),
+        notes=(f"Nothing is marked, and nothing could be proposed ({error.cause})",),
+    )
+
+
+def _unit(raw: Cloud, units: str | None) -> tuple[str, str]:
+    if said := units or raw.unit:
+        return said, ""
+    try:
+        return body_unit(raw.path, raw.points), "the depth of the body"
+    except InputError:
+        size = float(np.linalg.norm(np.ptp(raw.points, axis=0)))
+        unit = unit_of(size, SIZE_POSSIBLE, SIZE_USUAL)
+        if unit is None:
+            raise _in_doubt(raw.path, size) from None
+        return unit, "the size of the scan"
+
+
+def _in_doubt(path: Path, size: float) -> InputError:
+    choice = ", ".join(MILLIMETRES)
+    return InputError(
+        path, f"a scan of size {size:.4g} can be in none or in two units", f"Say --units, one of {choice}"
+    )
+
+
+def _sides(whole: Whole, side: str | None, marked: list[str]) -> tuple[str, ...]:
+    if side is not None:
+        return (side,)
+    return tuple(marked) if marked and not whole.is_torso else SIDES
+
+
+def _mirror(whole: Whole) -> Mirror | None:
+    return whole.mirror if whole.is_torso and whole.mirror.rms <= MIRROR_MOST else None
+
+
+def _axes(marked: Marked) -> np.ndarray:
+    """The body's axes: from the marks, put upright; from its shape, where they say too little."""
+    marks = next((own for own in marked.breasts if own.wire is not None and "apex" in own.points), None)
+    if marks is None or marks.wire is None:
+        body = _body(marked.whole)
+        return _facing(marked.cloud.points) if body is None else np.stack([body.left, body.up, body.front])
+    middle = marks.wire[[0, -1]].mean(axis=0)
+    rough = body_from_marks(
+        marks.wire[[0, -1]], marks.wire.mean(axis=0) - middle, marks.points["apex"] - middle, marks.side
+    )
+    left, up = rough.left, rough.up
+    mirror = _mirror(marked.whole)
+    if mirror is not None:
+        left = mirror.normal * np.sign(mirror.normal @ left)
+    upright = max((sign * axis for axis in np.eye(3) for sign in (1, -1)), key=lambda axis: float(axis @ up))
+    return _orthonormal(left, upright if upright @ up > UPRIGHT else up)
+
+
+def _body(whole: Whole) -> Body | None:
+    try:
+        return body_of(whole.cloud.points) if whole.is_torso else None
+    except (InputError, ValueError, IndexError, np.linalg.LinAlgError):  # it is no body: it is looked at as it lies
+        return None
+
+
+def _facing(points: np.ndarray) -> np.ndarray:
+    """Axes of a scan of which nothing is known: from the side to which it bulges, one of its own axes upwards."""
+    centred = points - points.mean(axis=0)
+    front = np.linalg.eigh(centred.T @ centred)[1][:, 0]
+    height, away = centred @ front, np.linalg.norm(centred - np.outer(centred @ front, front), axis=1)
+    inner = away < np.median(away)
+    front = front if height[inner].mean() >= height[~inner].mean() else -front
+    up = np.eye(3)[1] if abs(front[1]) < UPRIGHT else np.eye(3)[2]
+    return _orthonormal(np.cross(up, front), up - (up @ front) * front)
+
+
+def _orthonormal(left: np.ndarray, up: np.ndarray) -> np.ndarray:
+    left = left / np.linalg.norm(left)
+    up = up - (up @ left) * left
+    up = up / np.linalg.norm(up)
+    return np.stack([left, up, np.cross(left, up)])
