@@ -34,7 +34,7 @@ from brafit.surface.symmetry import Mirror
 
 ARM = 12.0
 """What is so much (mm) farther outwards than the wire may be an arm: no neckline is laid on it."""
-OF_WIRES = ("wire", "guessed", "inner_out", "outer_back")
+OF_WIRES = ("wire", "guessed", "inner_out", "inner_usual", "outer_usual")
 """Evidence that is of a wire's shape alone."""
 WHOLE = 60_000
 """Points of a body that are used, at most."""
