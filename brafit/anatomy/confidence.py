@@ -103,7 +103,7 @@ BOUNDS: Mapping[str, Bound] = {
 | apex_out | 70 to 131 | a missing breast 30 to 194 |
 | inner_out | 2 to 39 | |
 | wire | 163 to 290 | |
-| inner_usual | to 22 on plain bodies, to 25 on 95 % of all | 26 to 59 where an end is off by more than 30, but for some |
+| inner_usual | to 22 on plain bodies, to 25 on 95 % of all | from 25 on where an end is off by 30, but for some |
 | outer_usual | to 29 on plain bodies, to 30 on 95 % of all | 25 to 77, in the same way |
 | guessed | 0 to 0.4; very small breasts to 0.55 | men and missing breasts 0.6 to 1 |
 | apex_off, wire_off, end_off | to 4, 4, 9 | wires that went astray 18 and more |

@@ -10,6 +10,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import sys
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,13 +22,14 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
+from hydra.types import RunMode
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
 from brafit import __version__
 from brafit.atomic import write_text
 from brafit.cli.arguments import prepared
-from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED
+from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED, TERMINATED
 from brafit.errors import BrafitError, ConfigError
 from brafit.naming import print_anything
 from brafit.run.folder import is_about_writing, make_writable, why_not
@@ -35,7 +37,7 @@ from brafit.run.job import REDO
 from brafit.run.recipe import recipe_from_settings
 from brafit.run.store import differences, relevant
 from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
-from brafit.settings.checks import check, check_launcher
+from brafit.settings.checks import check, check_launcher, check_one_job
 from brafit.settings.compose import explain, from_settings, help_text, plain_settings, register
 from brafit.settings.quoting import unquoted
 
@@ -59,6 +61,7 @@ class Statuses(Callback):
         """Refuse what cannot run before Hydra makes its folder."""
         _note(NOTHING_RAN)
         with _refusing():
+            check_one_job(config.hydra.overrides.hydra)
             check_launcher(config)
             make_writable(Path(config.hydra.run.dir))
 
@@ -103,6 +106,24 @@ class Statuses(Callback):
         _note(max((job.status for job in jobs), default=NOTHING_RAN))
 
 
+class _Terminated(KeyboardInterrupt):
+    """The process was asked to end (SIGTERM), as a queue or a container does it: all ends as at Ctrl+C."""
+
+
+def _terminate(*_: Any) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough: what is begun is cleared up
+    raise _Terminated
+
+
+def _kept() -> str:
+    """What is left of a run that was broken off, and how to go on."""
+    if not HydraConfig.initialized():
+        return "nothing was begun"
+    config = HydraConfig.get()
+    out = config.sweep.dir if config.mode == RunMode.MULTIRUN else config.runtime.output_dir
+    return f"finished scans are kept, and the same command with out={shlex.quote(str(out))} goes on from there"
+
+
 @contextlib.contextmanager
 def _refusing() -> Iterator[None]:
     """Ends the process where something is refused: of errors in a callback Hydra would only warn."""
@@ -134,6 +155,7 @@ def main() -> None:
     # Hydra prints its errors at length and exits with 1, unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register()
+    signal.signal(signal.SIGTERM, _terminate)
     given = sys.argv[1:]
     try:
         if given in (["--help"], ["-h"]):
@@ -141,8 +163,11 @@ def main() -> None:
         else:
             sys.argv[1:] = given = prepared(given)
             _hydra()
+    except _Terminated:
+        print(f"brafit: terminated; {_kept()}", file=sys.stderr)
+        sys.exit(TERMINATED)
     except KeyboardInterrupt:
-        print("brafit: interrupted; what is finished is kept", file=sys.stderr)
+        print(f"brafit: interrupted; {_kept()}", file=sys.stderr)
         sys.exit(INTERRUPTED)
     except BrokenPipeError:  # the output is piped into something that has read enough, such as head
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
