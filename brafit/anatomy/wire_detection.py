@@ -48,8 +48,8 @@ FIRST, LAID, USUAL, HELD = 0.005, 0.1, 1.0, 3.0
 """Weights, against a plain crease's 1: of the first placing, of the surface where there is no crease, of each of LEGS,
 of ends that are given."""
 OUTER_PART, FADED, LED = 0.72, 0.3, 2.0
-"""From this share of the way to the outer end on it is looked whether the crease fades. Where there is less than so much
-of a plain crease, the outer one of LEGS gives way to the place that `usual_ends` tells, of this weight at most."""
+"""From this share of the way to the outer end on it is looked whether the crease fades. Where there is less than
+so much of a plain crease, the outer one of LEGS gives way to the place of `usual_ends`, of this weight at most."""
 KEPT = 1.0
 """Weight of the first placing where without it the line went astray, as it does where a crease hardly shows, or runs
 nearly straight (in underwear), so that a much larger circle fits it."""

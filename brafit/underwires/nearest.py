@@ -50,10 +50,7 @@ def chosen_wire(name: str, line: Float[np.ndarray, "k 3"]) -> tuple[str, bool]:
     """How a wire that was chosen by its name differs from the scan's own wire line, in words; and whether it is far."""
     chosen, nearest = compared(wire_size(name), line), nearest_wire(line)
     told = f"the wire {name} is {chosen.words} than the scan's own wire line"
-    return (
-        f"{told}; nearest to that, of those sold, is {nearest.wire.name}, {nearest.words}",
-        chosen.apart - nearest.apart > FAR,
-    )
+    return f"{told}; nearest to that, of those sold, is {nearest}", chosen.apart - nearest.apart > FAR
 
 
 def nearest_wire(line: Float[np.ndarray, "k 3"]) -> NearestWire:
