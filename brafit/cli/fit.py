@@ -22,7 +22,6 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
-from hydra.types import RunMode
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
@@ -48,6 +47,8 @@ _STATUSES = "BRAFIT_STATUSES"
 
 # What the callback below saw in this process: None while no job was begun, else the exit status.
 _status: int | None = None
+# The folder of the run or sweep in this process, once it was begun: Hydra forgets it where one is broken off.
+_out: str | None = None
 
 
 class Statuses(Callback):
@@ -59,7 +60,7 @@ class Statuses(Callback):
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         """Refuse what cannot run before Hydra makes its folder."""
-        _note(NOTHING_RAN)
+        _note(NOTHING_RAN, config.hydra.run.dir)
         with _refusing():
             check_one_job(config.hydra.overrides.hydra)
             check_launcher(config)
@@ -70,7 +71,7 @@ class Statuses(Callback):
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Refuse a bad value before the first job runs; jobs' folders are named by what is swept."""
-        _note(NOTHING_RAN)
+        _note(NOTHING_RAN, config.hydra.sweep.dir)
         arguments = list(config.hydra.overrides.task)
         swept, fixed = parted(arguments)
         with _refusing():
@@ -117,11 +118,9 @@ def _terminate(*_: Any) -> None:
 
 def _kept() -> str:
     """What is left of a run that was broken off, and how to go on."""
-    if not HydraConfig.initialized():
+    if _out is None:
         return "nothing was begun"
-    config = HydraConfig.get()
-    out = config.sweep.dir if config.mode == RunMode.MULTIRUN else config.runtime.output_dir
-    return f"finished scans are kept, and the same command with out={shlex.quote(str(out))} goes on from there"
+    return f"finished scans are kept, and the same command with out={shlex.quote(_out)} goes on from there"
 
 
 @contextlib.contextmanager
@@ -134,9 +133,9 @@ def _refusing() -> Iterator[None]:
         sys.exit(NOTHING_RAN)
 
 
-def _note(status: int | None) -> None:
-    global _status
-    _status = status
+def _note(status: int | None, out: str | None = None) -> None:
+    global _status, _out
+    _status, _out = status, out or _out
 
 
 def _status_of(job: JobReturn | None) -> int:

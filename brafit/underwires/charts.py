@@ -104,7 +104,7 @@ def chart_of(maker: str, style: str | None, size: int) -> Chart:
     if not own:
         meant = difflib.get_close_matches(maker, [chart.maker for chart in CHARTS], n=1)
         hint = f"did you mean {meant[0]}:{size}? " if meant else ""
-        raise ConfigError(f"no maker {maker} is known; {hint}Known are {sold()}")
+        raise ConfigError(f"no maker {maker} is known; {hint}known are {sold()}")
     fit = [chart for chart in own if style in (None, chart.style) and size in chart.sizes]
     if not fit:
         words = f"a {style} wire" if style else "a wire"
