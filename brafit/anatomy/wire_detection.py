@@ -214,10 +214,7 @@ def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray
 
 def _unmarked(surface: Surface, line: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places on the surface where the ends usually are, and their weights; the last is the outer end's where the crease
-    fades.
-
-    Args:
-        counts: how plain the crease is along the line, 0 to 1.
+    fades. `counts` says how plain the crease is along the line, 0 to 1.
     """
     near = KDTree(line[:, :2]).query(LEGS)[1]
     legs = np.column_stack([LEGS, line[near, 2]])
