@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brafit.errors import InputError
+from brafit.errors import InputError, OtherUnitError, WrongWayError
 
 if TYPE_CHECKING:
     from brafit.fitting import DifferentiableFit, Target
@@ -138,16 +137,15 @@ def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str,
     given["units"] = given.get("units") or "mm"
     try:
         return load_scan(Cloud(Path("points"), cloud, None, flag), name=name, landmarks=marks, **given)
-    except InputError as error:
-        if "runs the wrong way round" in error.cause:
-            other = "right" if side == "left" else "left"
-            own = "points of a Scan are in its cup frame, right ones mirrored: give brafit.fit the scan itself"
-            remedy = f'Give side="{other}", or the wire from its inner to its outer end; {own}'
-            raise InputError(error.file, error.cause, remedy) from None
-        if unit := re.search(r"scan\.units=(\w+)", error.remedy):
-            remedy = f'Give points and marks in millimetres, or settings=["{unit[0]}"] if all are in that unit'
-            raise InputError(error.file, error.cause, remedy) from None
-        raise
+    except WrongWayError as error:
+        other = "right" if side == "left" else "left"
+        own = "points of a Scan are in its cup frame, right ones mirrored: give brafit.fit the scan itself"
+        remedy = f'Give side="{other}", or the wire from its inner to its outer end; {own}'
+        raise WrongWayError(error.file, error.cause, remedy) from None
+    except OtherUnitError as error:
+        setting = f'settings=["scan.units={error.unit}"]'
+        remedy = f"Give points and marks in millimetres, or {setting} if all are in that unit"
+        raise OtherUnitError(error.file, error.cause, remedy, error.unit) from None
 
 
 def _marks(arrays: Mapping[str, Any], side: str, name: str) -> Landmarks:

@@ -24,7 +24,25 @@ class InputError(BrafitError):
         super().__init__(shown(" ".join(line.split())))
 
     def __reduce__(self) -> tuple:
-        return InputError, (self.file, self.cause, self.remedy)
+        return type(self), (self.file, self.cause, self.remedy)
+
+
+class WrongWayError(InputError):
+    """A wire that runs from its outer to its inner end, or a side that is not the wire's."""
+
+
+class OtherUnitError(InputError):
+    """Lengths that are those of another unit.
+
+    `unit` is the one that they look like, as `scan.units` names it.
+    """
+
+    def __init__(self, file: str | Path, cause: str, remedy: str, unit: str):
+        super().__init__(file, cause, remedy)
+        self.unit = unit
+
+    def __reduce__(self) -> tuple:
+        return OtherUnitError, (self.file, self.cause, self.remedy, self.unit)
 
 
 class ConfigError(BrafitError):

@@ -253,6 +253,7 @@ def _one_thread() -> Iterator[None]:
 def serve(connection: Connection) -> None:
     """Do calls until the other side is gone. This runs in the new process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever sent for it decides what an interrupt means
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.dup2(2, 1)  # the output is the caller's
     gc.freeze()  # what is imported stays: it need not be looked through again and again
     limit_memory()

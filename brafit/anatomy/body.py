@@ -25,6 +25,9 @@ SHOULDER_OUT, SHOULDER_UP, SHOULDER_BACK = 124.0, (170.0, 240.0), (-230.0, -130.
 behind the apex."""
 BREAST_AXES = np.array([[0.18, -0.95, 0.23], [0.88, 0.05, -0.47], [0.43, 0.28, 0.85]])
 """Mean axes x, y, z of the cup frames (left) in the body's (outwards, up, front)."""
+_Q, _R = np.linalg.qr(BREAST_AXES.T)
+BREAST_FRAME: Float[np.ndarray, "3 3"] = (_Q * np.sign(np.diag(_R))).T
+"""The same, made orthonormal: the frame in which `brafit.anatomy.wire_detection` works."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +54,7 @@ class Body:
 
     def breast_axes(self, side: str) -> Float[np.ndarray, "3 3"]:
         """Rows: x, y, z of the frame in which `brafit.anatomy.wire_detection` works, about a breast of this side."""
-        q, r = np.linalg.qr(BREAST_AXES.T)
-        return (q * np.sign(np.diag(r))).T @ self.outwards(side)
+        return BREAST_FRAME @ self.outwards(side)
 
 
 def body_from_marks(
@@ -74,8 +76,7 @@ def body_from_marks(
     z /= np.linalg.norm(z)
     x = below - (below @ y) * y - (below @ z) * z
     x /= np.linalg.norm(x)
-    q, r = np.linalg.qr(BREAST_AXES.T)
-    outwards, up, forward = (q * np.sign(np.diag(r))) @ np.stack([x, y, z])
+    outwards, up, forward = BREAST_FRAME.T @ np.stack([x, y, z])
     return Body(outwards if side == "left" else -outwards, up, forward, 0.0)
 
 

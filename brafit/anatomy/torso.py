@@ -34,7 +34,7 @@ from brafit.surface.symmetry import Mirror
 
 ARM = 12.0
 """What is so much (mm) farther outwards than the wire may be an arm: no neckline is laid on it."""
-OF_WIRES = ("wire", "guessed", "inner_out", "outer_back")
+OF_WIRES = ("wire", "guessed", "inner_out", "inner_usual", "outer_usual")
 """Evidence that is of a wire's shape alone."""
 WHOLE = 60_000
 """Points of a body that are used, at most."""
@@ -42,6 +42,8 @@ GLANCE = 3
 """The first, rough pass uses every third point."""
 TORSO_SIZE = 450.0
 """Least diagonal (mm) of a torso's box."""
+ALIKE = 0.7
+"""Least cosine between axes of a body that were found in two ways, if they are to be those of one body."""
 GORE = 20.0
 """Nearer to the mirror plane (mm) a proposed wire is moved outwards, by a quarter of this on the plane itself, so that
 it keeps to its side. In 14 breasts wires end 9 to 28 mm from it."""
@@ -154,7 +156,10 @@ def judged(points: Float[np.ndarray, "n 3"], marks: Landmarks, mirror: Mirror, *
     front = rough.front - (rough.front @ left) * left
     front /= np.linalg.norm(front)
     body = Body(left, np.cross(front, left), front, mirror.offset * float(left @ mirror.normal))
-    surface = about(points, apex, front, DENSE)
+    if not looked_at and float(np.linalg.norm(np.ptp(points, axis=0))) >= TORSO_SIZE:
+        whole = body_of(points)  # a wire that is in doubt itself is a poor guide to what is up
+        body = whole if min(whole.left @ body.left, whole.front @ body.front) > ALIKE else body
+    surface = about(points, apex, body.front, DENSE)
     found = evidence(surface, body, marks.side, apex, wire)
     return Confidence(marks.side, {key: value for key, value in found.items() if not (looked_at and key in OF_WIRES)})
 

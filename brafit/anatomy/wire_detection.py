@@ -16,6 +16,7 @@ from scipy import ndimage, sparse
 from scipy.spatial import KDTree
 
 from brafit.anatomy.crease_sections import folds, rim, smoothed
+from brafit.anatomy.wire_ends import lowest, usual_ends
 from brafit.geometry.polyline import evenly_spaced, polyline_length
 from brafit.geometry.rigid import laid_on
 from brafit.surface.normals import Surface, settle
@@ -46,6 +47,9 @@ WINDOWS = (12.0, 9.0, 7.0, 6.0, 6.0)
 FIRST, LAID, USUAL, HELD = 0.005, 0.1, 1.0, 3.0
 """Weights, against a plain crease's 1: of the first placing, of the surface where there is no crease, of each of LEGS,
 of ends that are given."""
+OUTER_PART, FADED, LED = 0.72, 0.3, 2.0
+"""From this share of the way to the outer end on it is looked whether the crease fades. Where there is less than
+so much of a plain crease, the outer one of LEGS gives way to the place of `usual_ends`, of this weight at most."""
 KEPT = 1.0
 """Weight of the first placing where without it the line went astray, as it does where a crease hardly shows, or runs
 nearly straight (in underwear), so that a much larger circle fits it."""
@@ -159,10 +163,10 @@ def _settled(surface: Surface, start: np.ndarray, ends: np.ndarray | None, first
         level = settle(surface, line, max(8.0, 3 * surface.spacing))[0]
         bare = LAID * np.clip(1 - 3 * counts, 0, 1) * (np.linalg.norm(level - line, axis=1) < OFF)
         bare *= np.asarray(surface.tree.query(level)[0]) < max(BESIDE, 2 * surface.spacing)
-        known = _legs(surface, line) if ends is None else ends
-        weights = [np.full(len(start), first), counts, bare, np.full(2, USUAL if ends is None else HELD)]
+        known, trust = _unmarked(surface, line, counts) if ends is None else (ends, np.full(2, HELD))
+        weights = [np.full(len(start), first), counts, bare, trust]
         shown = np.concatenate([start, places, level, known]), np.concatenate(weights)
-        line = rim(*shown) if ends is None else rim(*shown, held=2, flat=FLAT)
+        line = rim(*shown, held=1) if ends is None else rim(*shown, held=2, flat=FLAT)
     wire = evenly_spaced(_cut(evenly_spaced(line, 1000), ends), STATIONS)
     return wire if ends is None else _through(wire, ends)
 
@@ -208,10 +212,16 @@ def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray
     return Wire(placed, float(1 - (1 - found.guessed) * within.mean()), found.hollow)
 
 
-def _legs(surface: Surface, line: np.ndarray) -> np.ndarray:
-    """Places on the surface where the ends usually are."""
+def _unmarked(surface: Surface, line: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places on the surface where the ends usually are, and their weights; the last is the outer end's where the crease
+    fades. `counts` says how plain the crease is along the line, 0 to 1.
+    """
     near = KDTree(line[:, :2]).query(LEGS)[1]
-    return settle(surface, np.column_stack([LEGS, line[near, 2]]), max(8.0, 3 * surface.spacing))[0]
+    legs = np.column_stack([LEGS, line[near, 2]])
+    places = settle(surface, np.concatenate([legs, usual_ends(line)[1:]]), max(8.0, 3 * surface.spacing))[0]
+    last = int(np.linalg.norm(line - _cut(line, None)[-1], axis=1).argmin())
+    faded = float(np.clip(1 - counts[int(OUTER_PART * last) : last + 1].mean() / FADED, 0, 1))
+    return places, np.array([USUAL, USUAL * (1 - faded), LED * faded])
 
 
 def _cut(line: np.ndarray, ends: np.ndarray | None) -> np.ndarray:
@@ -220,7 +230,7 @@ def _cut(line: np.ndarray, ends: np.ndarray | None) -> np.ndarray:
         first, last = np.sort(np.asarray(KDTree(line).query(ends)[1]))
         return line[first : max(last, first + 2) + 1]
     height = line @ BODY_UP
-    bottom = len(line) // 4 + int(height[len(line) // 4 : -len(line) // 4].argmin())
+    bottom = lowest(height)
     first, last, span = 0, len(line) - 1, SPAN[0]
     for _ in range(12):
         middle = max(ABOVE, height[bottom] + RISE * span)

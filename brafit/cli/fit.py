@@ -10,6 +10,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import sys
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,7 +27,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from brafit import __version__
 from brafit.atomic import write_text
 from brafit.cli.arguments import prepared
-from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED
+from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED, TERMINATED
 from brafit.errors import BrafitError, ConfigError
 from brafit.naming import print_anything
 from brafit.run.folder import is_about_writing, make_writable, why_not
@@ -34,7 +35,7 @@ from brafit.run.job import REDO
 from brafit.run.recipe import NAMED, recipe_from_settings
 from brafit.run.store import differences, relevant
 from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
-from brafit.settings.checks import check, check_launcher
+from brafit.settings.checks import check, check_launcher, check_one_job
 from brafit.settings.compose import explain, from_settings, help_text, plain_settings, register, searched
 from brafit.settings.entries import locate, made, targets
 from brafit.settings.quoting import unquoted
@@ -46,6 +47,8 @@ _STATUSES = "BRAFIT_STATUSES"
 
 # What the callback below saw in this process: None while no job was begun, else the exit status.
 _status: int | None = None
+# The folder of the run or sweep in this process, once it was begun: Hydra forgets it where one is broken off.
+_out: str | None = None
 
 
 class Statuses(Callback):
@@ -57,8 +60,9 @@ class Statuses(Callback):
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         """Refuse what cannot run before Hydra makes its folder."""
-        _note(NOTHING_RAN)
+        _note(NOTHING_RAN, config.hydra.run.dir)
         with _refusing():
+            check_one_job(config.hydra.overrides.hydra)
             check_launcher(config)
             make_writable(Path(config.hydra.run.dir))
 
@@ -67,7 +71,7 @@ class Statuses(Callback):
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Refuse a bad value before the first job runs; jobs' folders are named by what is swept."""
-        _note(NOTHING_RAN)
+        _note(NOTHING_RAN, config.hydra.sweep.dir)
         arguments = list(config.hydra.overrides.task)
         swept, fixed = parted(arguments)
         with _refusing():
@@ -104,6 +108,22 @@ class Statuses(Callback):
         _note(max((job.status for job in jobs), default=NOTHING_RAN))
 
 
+class _Terminated(KeyboardInterrupt):
+    """The process was asked to end (SIGTERM), as a queue or a container does it: all ends as at Ctrl+C."""
+
+
+def _terminate(*_: Any) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough: what is begun is cleared up
+    raise _Terminated
+
+
+def _kept() -> str:
+    """What is left of a run that was broken off, and how to go on."""
+    if _out is None:
+        return "nothing was begun"
+    return f"finished scans are kept, and the same command with out={shlex.quote(_out)} goes on from there"
+
+
 @contextlib.contextmanager
 def _refusing() -> Iterator[None]:
     """Ends the process where something is refused: of errors in a callback Hydra would only warn."""
@@ -114,9 +134,9 @@ def _refusing() -> Iterator[None]:
         sys.exit(NOTHING_RAN)
 
 
-def _note(status: int | None) -> None:
-    global _status
-    _status = status
+def _note(status: int | None, out: str | None = None) -> None:
+    global _status, _out
+    _status, _out = status, out or _out
 
 
 def _status_of(job: JobReturn | None) -> int:
@@ -135,6 +155,7 @@ def main() -> None:
     # Hydra prints its errors at length and exits with 1, unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register()
+    signal.signal(signal.SIGTERM, _terminate)
     given = sys.argv[1:]
     try:
         if given in (["--help"], ["-h"]):
@@ -142,8 +163,11 @@ def main() -> None:
         else:
             sys.argv[1:] = given = prepared(given)
             _hydra()
+    except _Terminated:
+        print(f"brafit: terminated; {_kept()}", file=sys.stderr)
+        sys.exit(TERMINATED)
     except KeyboardInterrupt:
-        print("brafit: interrupted; what is finished is kept", file=sys.stderr)
+        print(f"brafit: interrupted; {_kept()}", file=sys.stderr)
         sys.exit(INTERRUPTED)
     except BrokenPipeError:  # the output is piped into something that has read enough, such as head
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from brafit.anatomy import proposed_landmarks
-from brafit.anatomy.confidence import doubt
+from brafit.anatomy.confidence import warning
 from brafit.atomic import write_text
 from brafit.cli.status import ALL_OK, NOTHING_RAN, SOME_FAILED
 from brafit.cloud import Cloud, read_cloud
@@ -174,7 +174,7 @@ def _doubts(scan: Scan) -> list[str]:
     """How far landmarks that nobody looked at can be trusted."""
     if scan.confidence is None:
         return []
-    return [doubt(scan.confidence, scan.origin.marks) or f"confidence {scan.confidence.value:.1f}: nothing is unusual"]
+    return [warning(scan.confidence, scan.origin.marks) or "nothing about the mirrored landmarks is unusual"]
 
 
 def _figure(scan: Scan, cloud: Cloud):

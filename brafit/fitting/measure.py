@@ -100,7 +100,8 @@ def _distance(points: Tensor, line: Tensor) -> Tensor:
 
 
 def upper_edge_gap(edge: Tensor, neckline: Tensor) -> float:
-    """Mean distance between upper edge and neckline, both ways."""
+    """Mean distance between upper edge and neckline, both ways: of the given one the figure `upper_edge_mm`, of the
+    smoothed one what `condition.neckline_limit` bounds."""
     return 0.5 * (_distance(edge, neckline).mean() + _distance(neckline, edge).mean()).item()
 
 

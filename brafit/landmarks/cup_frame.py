@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from brafit.errors import InputError
+from brafit.errors import InputError, WrongWayError
 from brafit.geometry.polyline import evenly_spaced, polyline_length
 
 END_TOLERANCE = 5.0
@@ -62,12 +62,13 @@ def frame_from_wire(
         file: named in errors.
 
     Raises:
-        InputError: the wire is no bow, or it runs the wrong way round for `side`.
+        InputError: the wire is no bow.
+        WrongWayError: it runs the wrong way round for `side`.
     """
     frame, even = _frame_and_line(wire, side, front, file)
     if frame.to_cup(even)[:, 0].mean() <= 0:
         other = "right" if side == "left" else "left"
-        raise InputError(
+        raise WrongWayError(
             file,
             f"side: for a {side} breast the wire runs the wrong way round, its bottom would be above its ends",
             f'The side is probably wrong: write "{other}", or list the wire from its inner to its outer end',

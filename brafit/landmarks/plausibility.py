@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from brafit.cloud.read import FLAG, MIN_POINTS, Cloud
-from brafit.errors import InputError
+from brafit.errors import InputError, OtherUnitError
 from brafit.geometry.polyline import polyline_length
 from brafit.landmarks.file import POINT_NAMES, Landmarks
 from brafit.landmarks.units import NAMES, WIRE_USUAL, unit_of
@@ -73,7 +73,7 @@ def _check_wire_length(file: Path, length: float) -> None:
     if unit:
         both = f'write "units": "{unit}", or set scan.units={unit}, if the cloud is in {NAMES[unit]} too'
         remedy = f'It looks like {NAMES[unit]}: {both}; take "units" out of {file.name} if only the landmarks are'
-        raise InputError(file, cause, remedy)
+        raise OtherUnitError(file, cause, remedy, unit)
     remedy = "Check the unit, and that the points are in order from the inner to the outer end"
     raise InputError(file, cause, remedy)
 

@@ -17,7 +17,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "mean_mm": ("mean", "mm"),
     "p95_mm": ("95th percentile", "mm"),
     "max_mm": ("largest", "mm"),
-    "upper_edge_mm": ("upper edge and neckline apart", "mm"),
+    "upper_edge_mm": ("upper edge off the neckline as given, mean", "mm"),
     "neckline_smoothing_mm": ("given neckline off the smooth one that the cup follows, at most", "mm"),
     "outline_sd_mm": ("standard deviation of the sewing lines' place if the breast were scanned again, at most", "mm"),
     "tightest_radius_mm": ("tightest bend of a flat edge (radius), the strap's corner apart", "mm"),

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy import ndarray
 
 SHOWN = 40_000
@@ -18,6 +19,8 @@ _KINDS = {
     "assumed": ("#e5a50a", 2.0, "no points: assumed"),
     "removed": ("#c01c8a", 3.0, "removed: on no surface"),
 }
+_MARKS = {"apex": "*", "strap_point": "D", "inner_end": "<", "outer_end": ">"}
+"""Signs of the landmarks, which the legend names: names beside them would lie over each other."""
 _LINES = {"wire": ("#d1480c", "wire"), "neckline": ("#2e7d32", "upper line")}
 
 
@@ -40,21 +43,26 @@ def inspection_figure(
         facts: lines of text below the pictures.
         origins: where lines and landmarks come from, by name: written beside them.
     """
-    figure = Figure(figsize=(16, 7.5), layout="constrained")
-    grid = figure.add_gridspec(2, 4, height_ratios=(1, 0.14))
+    figure = Figure(figsize=(16, 8), layout="constrained")
+    grid = figure.add_gridspec(2, 4, height_ratios=(1, 0.2))
     everything = np.concatenate([clouds["cup"], *lines.values()])
     low, high = everything.min(axis=0) - 25, everything.max(axis=0) + 25
     near = {kind: points[((points > low) & (points < high)).all(axis=1)] for kind, points in clouds.items()}
+    # Farther away, points were removed at the rim of what was looked at only because their neighbours were not.
+    whole = {**clouds, **{kind: near[kind] for kind in ("removed",) if kind in near}}
     views = (
-        ("whole scan, from in front", clouds, (1, 0), False),
-        ("from in front", near, (1, 0), True),
-        ("from the outer side", near, (2, 0), True),
-        ("from below", near, (1, 2), True),
+        ("whole scan, from in front", whole, (1, 0)),
+        ("from in front", near, (1, 0)),
+        ("from the outer side", near, (2, 0)),
+        ("from below", near, (1, 2)),
     )
-    for place, (caption, shown, axes, named) in enumerate(views):
-        _view(figure.add_subplot(grid[0, place]), caption, shown, lines, marks, axes, named, origins or {})
+    for place, (caption, shown, axes) in enumerate(views):
+        _view(figure.add_subplot(grid[0, place]), caption, shown, lines, marks, axes, origins or {})
     handles, labels = figure.axes[1].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=5, frameon=False, markerscale=6)
+    legend = figure.legend(handles, labels, loc="outside upper right", ncols=5, frameon=False)
+    for handle in legend.legend_handles:
+        if isinstance(handle, Line2D) and handle.get_marker() == ".":
+            handle.set_markersize(10)
     text = figure.add_subplot(grid[1, :])
     text.axis("off")
     text.text(0, 1, facts, va="top", family="monospace", fontsize=9, parse_math=False)
@@ -69,7 +77,6 @@ def _view(
     lines: Mapping[str, ndarray],
     marks: Mapping[str, ndarray],
     columns: tuple[int, int],
-    named: bool,
     origins: Mapping[str, str],
 ) -> None:
     i, j = columns
@@ -82,14 +89,9 @@ def _view(
         colour, label = _LINES[name]
         axes.plot(line[:, i], line[:, j], color=colour, linewidth=1.8, label=_said(label, origins.get(name)))
     for name, mark in marks.items():
-        axes.plot(mark[i], mark[j], "o", markersize=4, color="#111111", label="_")
-        if named:
-            axes.annotate(
-                _said(name.replace("_", " "), origins.get(name)),
-                (mark[i], mark[j]),
-                xytext=(4, 4),
-                textcoords="offset points",
-            )
+        label = _said(name.replace("_", " "), origins.get(name))
+        sign, size = _MARKS.get(name, "o"), 12 if name == "apex" else 8
+        axes.plot(mark[i], mark[j], sign, markersize=size, color="#ffffff", markeredgecolor="#111111", label=label)
     axes.set_aspect("equal")
     if j == 0:
         axes.invert_yaxis()

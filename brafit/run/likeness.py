@@ -28,6 +28,7 @@ from brafit.fitting import CupFit, ResultCode
 from brafit.geometry.polyline import polyline_length
 from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
+from brafit.underwires.nearest import chosen_wire
 
 AWAY = 0.1
 """A place of the cup has no data if every point is farther away than this many wire lengths: more than a cup of two
@@ -114,6 +115,9 @@ def judged(fit: CupFit, scan: Scan) -> CupFit:
     if scan.confidence is not None:
         fit = replace(fit, figures=fit.figures | {"landmark_confidence": scan.confidence.value})
         warnings += [words] if (words := warning(scan.confidence, scan.origin.marks)) else []
+    if scan.own_wire is not None:
+        told, far = chosen_wire(scan.origin.wire.removeprefix("size "), scan.own_wire)
+        warnings += [f"{told}: take that (scan.wire), or check the wire line with brafit-inspect"] if far else []
     for key, value in measures(fit, scan).items():
         bound = BOUNDS[key]
         scale = 1.0 if key == "wire" else length

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
 import shutil
 import sys
 import time
@@ -298,6 +299,7 @@ class Progress(Sink):
         self._bar: Any = None
         self._tally = Tally()
         self._failures: set[str] = set()
+        self._notes: set[tuple[str, str]] = set()
         self._activity = Activity()
         self._begun = self._said = 0.0
         self._total = 0
@@ -310,7 +312,7 @@ class Progress(Sink):
         from tqdm import tqdm
 
         self._tally, self._total = Tally(), len(overview.names)
-        self._failures = set()
+        self._failures, self._notes = set(), set()
         self._bar = tqdm(
             total=self._total,
             desc="scans",
@@ -340,7 +342,7 @@ class Progress(Sink):
             self._failure(_failure_line(done))
         elif self._total <= self._details and not done.kept:
             for note in done.notes:
-                self._line(f"note: {note}")
+                self._note(re.sub(r"_(left|right)$", "", done.name), note)
             for warning in done.warnings:
                 self._line(f"warning: {done.name}: {warning}")
         if self._watched:
@@ -373,6 +375,12 @@ class Progress(Sink):
         if line not in self._failures:
             self._failures.add(line)
             self._line(line)
+
+    def _note(self, file: str, note: str) -> None:
+        """Say a note; what holds for both breasts of a file is said once."""
+        if (file, note) not in self._notes:
+            self._notes.add((file, note))
+            self._line(f"note: {note}")
 
     def _line(self, text: str) -> None:
         from tqdm import tqdm

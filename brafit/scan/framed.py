@@ -35,6 +35,7 @@ class Framed:
         frame: the cup frame.
         wire: in the cup frame, inner end first.
         confidence: how far marks can be trusted that nobody looked at; None for given ones.
+        own_wire: the wire line that the scan has itself, where a wire of a size is laid instead; in the scan's frame.
         turned: the wire was given from its outer end; `marks` have it from the inner.
     """
 
@@ -46,6 +47,7 @@ class Framed:
     wire: Float[np.ndarray, "k 3"]
     turned: bool
     confidence: Confidence | None = None
+    own_wire: Float[np.ndarray, "j 3"] | None = None
 
     def mark(self, name: str) -> Float[np.ndarray, "3"] | None:
         """A marked point in the cup frame, if there is one."""
@@ -85,10 +87,12 @@ def framed(marked: Marked, side: str | None, wire: str | None) -> Framed:
     marks, marks_origin = marked.of(side)
     confidence = marked.confidence(marks, marks_origin)
     check_scan(marked.cloud, marks)
+    own = marks.wire if wire not in (None, "detect") else None
     marks, wire_origin, guessed = _with_wire(marked, marks, wire)
     marks, turned = inner_end_first(marked, marks)
     frame = frame_of(marked.cloud, marks)
-    return Framed(marks, marks_origin, wire_origin, guessed, frame, frame.to_cup(_line(marks)), turned, confidence)
+    line = frame.to_cup(_line(marks))
+    return Framed(marks, marks_origin, wire_origin, guessed, frame, line, turned, confidence, own)
 
 
 def frame_of(cloud: Cloud, marks: Landmarks) -> CupFrame:

@@ -30,6 +30,7 @@ from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.gaps import Gaps, gaps
 from brafit.surface.normals import surface_of
 from brafit.surface.thickness import fills_a_volume
+from brafit.underwires.nearest import chosen_wire
 from brafit.underwires.sizes import wire_size
 
 NOISY = 1.0
@@ -62,6 +63,7 @@ class Scan:
         removed: what the cleaning took because it lies on no surface.
         gap_share: share of the surface between wire and upper line without data; None without an upper line.
         confidence: how far landmarks can be trusted that nobody looked at; None for given ones.
+        own_wire: the wire line that the scan has itself, where a wire of a size is laid instead.
     """
 
     name: str
@@ -82,6 +84,7 @@ class Scan:
     removed: Float[np.ndarray, "r 3"] = field(default_factory=lambda: np.empty((0, 3)))
     gap_share: float | None = None
     confidence: Confidence | None = None
+    own_wire: Float[np.ndarray, "j 3"] | None = None
 
     @property
     def curve(self) -> Float[np.ndarray, "c 3"] | None:
@@ -366,6 +369,11 @@ def _notes(
         notes.append(f"the breasts are mirror images within {gathered.alike:.2f} mm: both are taken for each cup")
     if bounded.origin == "built":
         notes.append("no upper line given: it is built from the wire's ends and the strap point")
+    if bounded.origin == "none" and marked.cloud.inside is None:
+        notes.append("no upper line given: only the points say where the cup ends")
+    if breast.own_wire is not None:
+        told, far = chosen_wire(breast.wire_origin.removeprefix("size "), breast.own_wire)
+        notes += [] if far else [told]  # else it is a warning, see `brafit.run.likeness`
     scatter = cleaned.steps.scatter_mm
     if scatter is not None and scatter > NOISY:
         notes.append(f"its points scatter by {scatter:.1f} mm about their surface: edges are less certain")
@@ -423,4 +431,5 @@ def _scan(
         removed=gathered.tidied.removed,
         gap_share=None if found is None else found.share,
         confidence=breast.confidence,
+        own_wire=None if breast.own_wire is None else breast.frame.to_cup(breast.own_wire),
     )

@@ -72,6 +72,21 @@ def check_launcher(config: DictConfig) -> None:
         raise ConfigError(missing_launcher(match[2], list(config.hydra.overrides.hydra)))
 
 
+def check_one_job(overrides: Sequence[str]) -> None:
+    """Refuse a launcher that is chosen for a single job, which Hydra would run here without a word.
+
+    Args:
+        overrides: of Hydra's own settings.
+
+    Raises:
+        ConfigError: says what to add.
+    """
+    chosen = next((text for text in overrides if text.startswith("hydra/launcher=")), None)
+    if chosen and chosen != "hydra/launcher=basic":
+        remedy = f"add -m and the values to sweep: brafit -m {chosen} KEY=VALUE,VALUE; a single run shares its work out"
+        raise ConfigError(f"{chosen}: launchers run the jobs of a sweep, and this is one job; {remedy} by threads=N")
+
+
 def _importable(module: str) -> bool:
     try:
         return importlib.util.find_spec(module) is not None

@@ -134,5 +134,5 @@ def _unfit(key: str, overrides: Sequence[str], known: Known) -> str:
         return f"{key}={value}: must have a value"
     shown = "VALUE" if value == "null" else value
     each = [f"{key}.{name}={shown}" for name in node if not str(name).startswith("_")]
-    rest = f", or each: {' '.join(each)}" if len(each) > 1 else ""
-    return f"{key}={value}: {key} holds several settings; set one, {each[0]}{rest}"
+    rest = f": {' '.join(each)}" if len(each) > 1 else ""
+    return f"{key}={value}: did you mean {each[0]}? {key} holds several settings{rest}"

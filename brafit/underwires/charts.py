@@ -8,6 +8,7 @@ millimetre. It is taken that all makers number their wires so.
 
 from __future__ import annotations
 
+import difflib
 import statistics
 from dataclasses import dataclass
 
@@ -101,7 +102,9 @@ def chart_of(maker: str, style: str | None, size: int) -> Chart:
     """
     own = [chart for chart in CHARTS if chart.maker == maker]
     if not own:
-        raise ConfigError(f"no maker {maker} is known; known are {sold()}")
+        meant = difflib.get_close_matches(maker, [chart.maker for chart in CHARTS], n=1)
+        hint = f"did you mean {meant[0]}:{size}? " if meant else ""
+        raise ConfigError(f"no maker {maker} is known; {hint}known are {sold()}")
     fit = [chart for chart in own if style in (None, chart.style) and size in chart.sizes]
     if not fit:
         words = f"a {style} wire" if style else "a wire"

@@ -52,6 +52,20 @@ def in_a_process(folder: Path, *arguments: str) -> Done:
     return Done(done.returncode, done.stdout, done.stderr)
 
 
+def test_a_command_that_is_ended_says_what_is_kept(tmp_path: Path) -> None:
+    """SIGTERM, as a queue sends it, while scans are read."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "brafit", f"out={out}"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as running:
+        assert running.stderr is not None
+        assert running.stderr.readline().startswith("finding the scans")
+        running.terminate()
+        said = running.stderr.read()
+    assert running.returncode == 143
+    assert "brafit: terminated; finished scans are kept" in said
+    assert f"the same command with out={out} goes on from there" in said
+
+
 @pytest.fixture
 def brafit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
     """Run it in `tmp_path`, but in this process, which saves its start."""

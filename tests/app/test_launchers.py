@@ -13,7 +13,7 @@ import pytest
 from hydra import compose, initialize_config_module
 
 from brafit.errors import ConfigError
-from brafit.settings.checks import check_launcher
+from brafit.settings.checks import check_launcher, check_one_job
 from brafit.settings.compose import explain, register
 
 LAUNCHERS = {
@@ -36,6 +36,12 @@ def test_settings_of_launchers_compose(name: str) -> None:
 def test_a_missing_launcher_is_named_with_the_line_that_installs_it(name: str, extra: str) -> None:
     error = ImportError(f"Error locating target 'hydra_plugins.hydra_{name}_launcher.x.Y', set env var ...")
     assert f"pip install 'brafit[{extra}]'" in explain(error, [])
+
+
+def test_a_launcher_without_m_is_refused() -> None:
+    check_one_job(["hydra/launcher=basic"])
+    with pytest.raises(ConfigError, match=r"brafit -m hydra/launcher=joblib KEY=VALUE"):
+        check_one_job(["hydra.verbose=true", "hydra/launcher=joblib"])
 
 
 @pytest.mark.parametrize("name", LAUNCHERS)

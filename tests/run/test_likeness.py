@@ -19,6 +19,7 @@ from brafit.run.likeness import BOUNDS, judged, measures
 from brafit.run.recipe import Recipe, recipe_of
 from brafit.samples import sample_paths
 from brafit.scan import Scan, load_scan
+from brafit.underwires.nearest import nearest_wire
 
 QUICK = ["experiment=quick"]
 ANGLE = np.linspace(0, np.pi, 40)
@@ -46,6 +47,17 @@ def test_a_breasts_cup_is_a_likeness_of_it(fit: CupFit, scan: Scan) -> None:
     assert found.keys() == BOUNDS.keys() - {"uncovered"}  # that is asked of proposed marks only
     assert all(BOUNDS[key].usual[0] <= value <= BOUNDS[key].usual[1] for key, value in found.items())
     assert fit.figures["rms_mm"] == pytest.approx(np.sqrt(np.mean(fit.distances**2)))
+
+
+def test_a_wire_of_a_size_far_from_the_own_wire_is_warned_of(fit: CupFit, scan: Scan) -> None:
+    def warned(size: str) -> list[str]:
+        laid = replace(scan, origin=replace(scan.origin, wire=f"size {size}"), own_wire=scan.wire)
+        return [line for line in judged(fit, laid).warnings if "own wire line" in line]
+
+    near = str(nearest_wire(scan.wire).wire.name)
+    assert not warned(near)
+    (told,) = warned("orange:52")
+    assert f"nearest to that, of those sold, is {near}" in told
 
 
 @pytest.mark.parametrize("key", BOUNDS)

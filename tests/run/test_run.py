@@ -22,6 +22,7 @@ from brafit.pattern import PatternOptions
 from brafit.report.table import SUMMARY_KEYS
 from brafit.run import Done, Job, run
 from brafit.run.collect import collect
+from brafit.run.job import Overview
 from brafit.run.sinks import Board, ErrorLog, Index, Nest, Progress, Sink, Table
 from brafit.samples import sample_paths
 
@@ -255,3 +256,14 @@ def test_names_that_are_no_text_or_a_runs_own_are_written_everywhere(tmp_path: P
     assert any((out / "tensorboard" / "scans").iterdir())
     "\n".join(said).encode()
     assert len(collect([out])) == 3
+
+
+def test_what_holds_for_both_breasts_is_noted_once(capsys: pytest.CaptureFixture[str]) -> None:
+    names = ("a_left", "a_right", "b_left")
+    progress = Progress()
+    progress.open(Overview(Path("out"), names, (0, 1, 2)))
+    for k, name in enumerate(names):
+        progress.scan(Done(k, name, {"status": "ok"}, notes=("it is in cm", f"only of {name}")))
+    said = capsys.readouterr().err
+    assert said.count("it is in cm") == 2, "once of each file"
+    assert all(f"only of {name}" in said for name in names)

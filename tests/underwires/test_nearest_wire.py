@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from brafit.geometry.rotation import rotation_exp
-from brafit.underwires.nearest import nearest_wire
+from brafit.underwires.nearest import chosen_wire, nearest_wire
 from brafit.underwires.sizes import CATALOGUE, WireSize
 
 TURN = rotation_exp(torch.tensor([0.3, -1.1, 0.6], dtype=torch.float64)).numpy()
@@ -35,6 +35,16 @@ def test_differences_are_wire_less_line():
     assert near.length == pytest.approx(2.0, abs=1e-3)
     assert near.span == pytest.approx(1.0, abs=1e-6)
     assert str(near) == "harriet:40, 2.0 mm longer and 1.0 mm wider"
+
+
+def test_a_chosen_wire_is_compared_with_the_own_line():
+    line = somewhere(next(wire for wire in CATALOGUE if wire.name == "harriet:40"))
+    own, far = chosen_wire("harriet:40", line)
+    assert not far
+    assert own.endswith("nearest to that, of those sold, is harriet:40, 0.0 mm longer and 0.0 mm wider")
+    told, far = chosen_wire("harriet:44", line)
+    assert far
+    assert told.startswith("the wire harriet:44 is 29.8 mm longer and 16.9 mm wider than the scan's own wire line")
 
 
 def test_no_other_wire_is_nearer():

@@ -76,6 +76,7 @@ def test_every_size_is_longer_and_wider_than_the_one_before(family):
         ("purple:36", "no maker purple is known"),
         ("big", "must be null, detect, a size"),
         ("36/long", "must be null, detect, a size"),
+        ("harriett:36", "no maker harriett is known; did you mean harriet:36?"),
         ("harriet:", "must be null, detect, a size"),
         ("036", "must be null, detect, a size"),
     ],
