@@ -54,8 +54,9 @@ PLAIN_ORDER = 5.0
 """From about this order on terms count ever more."""
 STEP_ORDER = 3.0
 """From about this order on terms change a cup ever more."""
-JUMP_COUNT = 0.5
-"""How much the jump at the upper edge's corner counts in `Cup.plain`: free, it would wander with the corner's place."""
+JUMP_COUNT = 0.25
+"""How much the jump at the upper edge's corner counts in `Cup.plain`, times the number of panels, over whose square what
+is plain counts: alike with any number. Free, the jump would wander with the corner's place."""
 BUMP_SECOND = -8 / LENGTH**2
 """Second derivative of 1 - x^2 by s."""
 CORNER_TERMS = 6
@@ -432,7 +433,7 @@ class StripsCup(Cup):
         count = (1 + (order / PLAIN_ORDER) ** 6).sqrt().expand(self.panels, -1)
         none = {"angle": order.new_zeros(self.panels), "corner": order.new_zeros(CORNER_SIZE)}
         values, counts = none | series, none | dict.fromkeys(series, count)
-        counts["corner"] = order.new_tensor([0.0, JUMP_COUNT, 0.0])
+        counts["corner"] = order.new_tensor([0.0, JUMP_COUNT * self.panels, 0.0])
         flat = (torch.cat([parts[name].flatten() for name in self.layout]) for parts in (values, counts))
         return next(flat), next(flat)
 
