@@ -45,6 +45,7 @@ from brafit.report.mesh import (
 )
 from brafit.report.paper import PaperPanel, paper_gap, paper_panels
 from brafit.report.row import fitted_row
+from brafit.report.stitches import write_stitches
 from brafit.report.table import write_fit_json
 
 FILES = (*(name for writer in WRITERS.values() for name in writer.files), *(set(OTHER_FILES) - {"fit.json"}))
@@ -130,7 +131,7 @@ class Result:
     def _dimensions(self) -> list[Dimension]:
         marks = (self.apex, self.target.strap_point)
         deviation = dimension_deviation(self.fit, self.fit.alternatives, *marks)
-        return dimensions(self.shape, self.patterns(), *marks, deviation)
+        return dimensions(self.fit, self.patterns(), *marks, deviation)
 
     def pictures(self) -> dict[str, bytes]:
         """PNG files: `patterns`, the finished pieces, and `fit`, cup and points from three sides."""
@@ -146,7 +147,7 @@ class Result:
     def row(self) -> dict[str, Any]:
         """This cup's row of summary.csv."""
         neckline = self.target.neckline is not None
-        row = fitted_row(self.fit, self.side, len(self.target.points), self.model, neckline)
+        row = fitted_row(self.fit, self.side, len(self.target.points), self.model, neckline, self.options.wire)
         return row | {"warning_count": len(self.fit.warnings) + len(self.patterns().warnings)}
 
     def save(self, folder: str | Path, extra: Mapping[str, Any] | None = None) -> list[Path]:
@@ -229,6 +230,9 @@ class Result:
             if suffix in asked:
                 write(folder / f"cup.{suffix}", panels)
                 written.append(folder / f"cup.{suffix}")
+        if "obj" in asked:
+            write_stitches(folder / "stitches.json", panels, self.patterns(), "cup.obj")
+            written.append(folder / "stitches.json")
         return written
 
     def _write_pages(self, folder: Path, files: Sequence[str], notes: Sequence[str]) -> list[Path]:

@@ -3,9 +3,9 @@
     python scripts/check_patterns.py RESULTS [RESULTS ...]
 
 Of every scan in these folders the pattern files, the cup in 3D and the report are read back: DXF by ezdxf, GDAL and
-trimesh, SVG by svgelements and librsvg, PDF by poppler, the panels flattened again by libigl, the report shown in
-Chromium. What is not installed is said. Prints the largest value of each figure beside its limit; status 1 if one is
-over it.
+trimesh, SVG by svgelements and librsvg, PDF by poppler, the panels flattened again by libigl, measures over the surface
+taken by trimesh and libigl, the report shown in Chromium. What is not installed is said. Prints the largest value of
+each figure beside its limit; status 1 if one is over it.
 """
 
 from __future__ import annotations
@@ -18,22 +18,19 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
-from scipy.interpolate import CubicSpline
+from check_cup import PLAIN, cup_figures, libigl_figures
+from check_measures import measure_figures
+from check_pages import page_figures, sheet_figures, stitch_figures
+from readers import LABEL, POINT, SVG, MissingReaderError, module, path_points, polyline_length, program, quietly
 from shapely import LineString, Point, Polygon
 
-SVG = "{http://www.w3.org/2000/svg}"
-LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
-POINT = 25.4 / 72
 LAYERS = {"1", "2", "3", "4", "7", "14", "15"}
 """Layers that every piece of a DXF file has; 13 too where a hole is drilled."""
 INCH = 25.4
@@ -57,13 +54,23 @@ LIMITS: dict[str, tuple[float, str]] = {
     "angle defect of inner vertices": (1e-5, "rad"),
     "notches: pairs at unequal distance": (0.01, "mm"),
     "outlines that cross themselves": (0, ""),
+    "seam ends: allowances of the two sides end apart": (0.05, "mm"),
+    "sheet: texts or marks that overlap": (0, ""),
+    "sheet: texts that meet cut or sewing lines": (0, ""),
+    "sheet: labels not on their piece": (0, ""),
+    "pages: pieces that fit on a page but are cut": (0, ""),
+    "PDF: layers missing": (0, ""),
+    "stitches: seams with unequal vertex counts": (0, ""),
+    "stitches: sewn vertices apart in the cup": (1e-6, "mm"),
+    "stitches: lengths differ": (0.01, "mm"),
+    "over the surface: sections, trimesh": (0.2, "mm"),
+    "over the surface: geodesic, libigl": (0.2, "mm"),
     "report: size": (2.0, "MB"),
     "report: shown after": (2.0, "s"),
 }
 """Figures in the order in which they are printed, and the most that each may be."""
 OTHERS = (
-    "pattern against cup: edges of triangles, mm",
-    "pattern against cup: their strain",
+    *PLAIN,
     "arcs of an edge",
     "arcs of a cut line",
     "points of an edge in DXF",
@@ -80,10 +87,6 @@ class Findings:
     def note(self, figure: str, scan: str, value: float) -> None:
         row = self.values.setdefault(figure, {})
         row[scan] = max(row.get(scan, 0.0), float(value))
-
-
-class MissingReaderError(Exception):
-    """A reader that is not installed."""
 
 
 def main() -> int:
@@ -120,6 +123,10 @@ def check(folder: Path, fit: Mapping[str, Any], found: Findings, browser: bool =
         ("PDF: ", lambda: pdf_figures(folder, lengths)),
         ("cup", lambda: cup_figures(folder, lengths)),
         ("libigl", lambda: libigl_figures(folder / "cup.obj")),
+        ("sheet", lambda: sheet_figures(folder / "patterns.svg")),
+        ("pages", lambda: page_figures(folder)),
+        ("stitches", lambda: stitch_figures(folder)),
+        ("over the surface", lambda: measure_figures(folder, fit)),
         ("report", lambda: report_figures(folder / "report.html", browser)),
     ]
     for name, step in steps:
@@ -253,22 +260,6 @@ def svg_figures(path: Path, lengths: Mapping[str, Mapping[str, float]]) -> dict[
     }
 
 
-def path_points(path: Any, count: int = 60) -> np.ndarray:
-    """Points of a path of lines and Bezier arcs, `count` an arc."""
-    share = np.linspace(0, 1, count)[:, None]
-    points = []
-    for arc in path:
-        known = [getattr(arc, key, None) for key in ("start", "control1", "control2", "end")]
-        c = np.array([(p.x, p.y) for p in known if p is not None])
-        if type(arc).__name__ == "CubicBezier":
-            points.append((1 - share) ** 3 * c[0] + 3 * share * (1 - share) ** 2 * c[1]
-                          + 3 * share**2 * (1 - share) * c[2] + share**3 * c[3])  # fmt: skip
-        elif type(arc).__name__ in ("Line", "Close") and len(c) > 1:
-            points.append(c)
-    line = np.vstack(points)
-    return line[np.append(True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 1e-7)]
-
-
 def librsvg_figures(path: Path) -> dict[str, float]:
     """The control square as librsvg draws it."""
     command = [program("rsvg-convert", "librsvg2-bin"), "-d", "254", "-p", "254", "-b", "white", path]
@@ -325,169 +316,6 @@ def _lines_apart(shown: np.ndarray) -> float:
     return min((abs(b - a - 1000) for i, a in enumerate(middles) for b in middles[i + 1 :]), default=np.inf)
 
 
-# The cup in 3D
-
-
-@dataclass(frozen=True)
-class PanelFile:
-    """A panel of an OBJ file: places in space and in the flat pattern, triangles."""
-
-    name: str
-    vertices: np.ndarray
-    flat: np.ndarray
-    faces: np.ndarray
-
-    @property
-    def strips(self) -> int:
-        """Rows of triangles from edge to edge: the first tip's fan."""
-        return int((self.faces == 0).any(1).sum())
-
-    def edge(self, values: np.ndarray, upper: bool) -> np.ndarray:
-        """The lower or upper edge's values, from the inner end."""
-        rows = values[1:-1].reshape(-1, self.strips + 1, values.shape[1])
-        return np.vstack((values[:1], rows[:, -1 if upper else 0], values[-1:]))
-
-
-def read_obj(path: Path) -> list[PanelFile]:
-    """The objects of an OBJ file whose vertices have texture coordinates of the same number."""
-    columns: dict[str, list[list[float]]] = {"v": [], "vt": []}
-    objects: list[tuple[str, list[list[int]]]] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        word, *rest = line.split()
-        if word in columns:
-            columns[word].append([float(number) for number in rest])
-        elif word == "o":
-            objects.append((rest[0], []))
-        elif word == "f":
-            objects[-1][1].append([int(corner.split("/")[0]) - 1 for corner in rest])
-    vertices, flat = np.array(columns["v"]), np.array(columns["vt"])
-    panels = []
-    for name, triangles in objects:
-        faces = np.array(triangles)
-        first, last = faces.min(), faces.max() + 1
-        panels.append(PanelFile(name, vertices[first:last], flat[first:last], faces - first))
-    return panels
-
-
-def cup_figures(folder: Path, lengths: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """The cup's own edges, strains and angles, and the drawn curves against the flat edges."""
-    panels = read_obj(folder / "cup.obj")
-    lengths_off, apart, strain, defect = 0.0, 0.0, 0.0, 0.0
-    for panel, edges in zip(panels, lengths.values(), strict=True):
-        for wanted, upper in zip(edges.values(), (False, True), strict=True):
-            lengths_off = max(lengths_off, abs(spline_length(panel.edge(panel.vertices, upper)) - wanted))
-        sides = [edge_lengths(values, panel.faces) for values in (panel.flat, panel.vertices)]
-        apart = max(apart, float(np.abs(sides[0] - sides[1]).max()))
-        strain = max(strain, edge_strain(panel.flat, panel.vertices, panel.faces))
-        defect = max(defect, angle_defect(panel.vertices, panel.faces))
-    figures = {
-        "edge lengths, cup in 3D": lengths_off,
-        OTHERS[0]: apart,
-        OTHERS[1]: strain,
-        "angle defect of inner vertices": defect,
-    }
-    svg = folder / "patterns.svg"
-    return {**figures, "curves off the fitted outline": outline_gap(svg, panels)} if svg.exists() else figures
-
-
-def outline_gap(path: Path, panels: list[PanelFile]) -> float:
-    """How far the flat edges' samples lie from the curves that are drawn, at most; for patterns without ease."""
-    elements = module("svgelements")
-    root: Any = ET.parse(path).getroot()
-    (sew,) = (group for group in root if group.get(LABEL) == "sew")
-    worst = 0.0
-    for panel, lines in zip(panels, sew, strict=False):
-        drawn = [path_points(elements.Path(line.get("d")), 400) * (1, -1) for line in lines]
-        moved = drawn[0][0] - panel.edge(panel.flat, False)[0]
-        for line, upper in zip(drawn, (False, True), strict=True):
-            samples = shapely.points(panel.edge(panel.flat, upper) + moved)
-            worst = max(worst, float(shapely.distance(samples, LineString(line)).max()))
-    return worst
-
-
-def libigl_figures(path: Path) -> dict[str, float]:
-    """Each panel flattened again, laid onto the pattern and compared with the cup."""
-    lscm, arap, strain = 0.0, 0.0, 0.0
-    for panel in read_obj(path):
-        lscm = max(lscm, misfit(flattened(panel, "lscm"), panel.flat))
-        flat = flattened(panel, "arap")
-        arap = max(arap, misfit(flat, panel.flat))
-        strain = max(strain, edge_strain(flat, panel.vertices, panel.faces))
-    return {
-        "libigl: off the pattern, LSCM": lscm,
-        "libigl: off the pattern, ARAP": arap,
-        "libigl: edge strain, ARAP against the cup": strain,
-    }
-
-
-def flattened(mesh: Any, method: str) -> np.ndarray:
-    """A mesh flattened by libigl: LSCM with two points held as far apart as the pattern has them; ARAP from there with
-    one held.
-
-    Args:
-        mesh: has vertices (v, 3), flat (v, 2) and faces (f, 3).
-        method: `lscm` or `arap`.
-    """
-    igl = module("igl", "libigl")
-    faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
-    vertices = np.ascontiguousarray(mesh.vertices)
-    loop = igl.boundary_loop(faces)
-    held = np.array([loop[0], loop[len(loop) // 2]], dtype=np.int64)
-    flat, *_ = igl.lscm(vertices, faces, held, np.ascontiguousarray(mesh.flat[held]))
-    if method == "lscm":
-        return flat
-    data = igl.ARAPData()
-    data.energy = igl.ARAP_ENERGY_TYPE_DEFAULT
-    data.max_iter = 50
-    igl.arap_precomputation(vertices, faces, 2, held[:1], data)
-    moved = np.ascontiguousarray(flat)
-    return igl.arap_solve(np.ascontiguousarray(flat[held[:1]]), data, moved)
-
-
-def misfit(a: np.ndarray, b: np.ndarray) -> float:
-    """Largest distance after the best rigid motion of the plane, mirror images allowed."""
-    a, b = a - a.mean(0), b - b.mean(0)
-    u, _, v = np.linalg.svd(a.T @ b)
-    return float(np.linalg.norm(a @ u @ v - b, axis=1).max())
-
-
-def edge_strain(flat: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> float:
-    """By which share the triangles' edges differ in length at most."""
-    return float(np.abs(edge_lengths(flat, faces) / edge_lengths(vertices, faces) - 1).max())
-
-
-def edge_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(f, 3) of triangles."""
-    corners = vertices[faces]
-    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-
-
-def angle_defect(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """How far the angles about an inner vertex are from a full turn at most, in radians."""
-    corners = vertices[faces]
-    a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
-    angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))
-    total = np.bincount(faces.ravel(), angles.ravel(), len(vertices))
-    pairs = np.sort(np.concatenate([faces[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
-    unique, count = np.unique(pairs, axis=0, return_counts=True)
-    inner = np.setdiff1d(np.arange(len(vertices)), unique[count == 1])
-    return float(np.abs(total[inner] - 2 * np.pi).max())
-
-
-def polyline_length(points: Any) -> float:
-    """Length of a polyline in the plane."""
-    line = np.array([tuple(point)[:2] for point in points], float)
-    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-
-
-def spline_length(points: np.ndarray) -> float:
-    """Length of the cubic spline through points."""
-    chords = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    spline, (nodes, weights) = CubicSpline(chords, points), np.polynomial.legendre.leggauss(6)
-    spans = [(a, b - a) for a, b in pairwise(chords)]
-    return sum(float(np.linalg.norm(spline(a + h * (nodes + 1) / 2, 1), axis=1) @ weights) * h / 2 for a, h in spans)
-
-
 # The report
 
 
@@ -526,29 +354,6 @@ def chromium(*arguments: object, profile: Path) -> str:
     flags = ["--headless", "--no-sandbox", "--disable-gpu", *quiet, "--disable-sync", f"--user-data-dir={profile}"]
     command = [path, *flags, "--hide-scrollbars", "--window-size=1200,1000", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
-
-
-def program(name: str, package: str) -> str:
-    """The path of a reader; the Debian package is named where there is none."""
-    path = shutil.which(name)
-    if path is None:
-        raise MissingReaderError(f"the program {name} is not installed (Debian package {package})")
-    return path
-
-
-def module(name: str, package: str = "") -> Any:
-    """A reader that is a Python package."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return __import__(name)
-    except ImportError:
-        raise MissingReaderError(f"the Python package {package or name} is not installed (extra `test`)") from None
-
-
-def quietly(*command: object) -> bytes:
-    """What a program writes to its output."""
-    return subprocess.run([str(part) for part in command], check=True, capture_output=True).stdout
 
 
 if __name__ == "__main__":

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from lunes import RADIUS, lune_cup, lune_flat
 
+from brafit.geometry.development import FlatPanel
 from brafit.pattern import Pattern, PatternOptions, Side, finish, marks_on, pieces_from_panels
 
-APEX = np.array([RADIUS * np.sin(np.pi / 4), RADIUS + 7.0, RADIUS * np.sin(np.pi / 4) + 6.0])
+APEX = np.array([RADIUS * np.sin(np.pi / 4), RADIUS + 7.0, RADIUS * np.sin(np.pi / 4) + 14.0])
 STRAP = np.array([0.0, RADIUS, RADIUS + 1])
 
 
@@ -19,6 +21,23 @@ def pattern(panels: int = 2, side: Side = "left", name: str = "lune", **options)
     marks = marks_on(lune_cup(panels), APEX, STRAP)
     pieces = pieces_from_panels(lune_flat(panels), side, marks)
     return finish(pieces, PatternOptions(**options), name=name, side=side, date="2001-02-03")
+
+
+def small(panels: int = 2, scale: float = 0.6, **options) -> Pattern:
+    """The same so much smaller, so that pieces fit on paper."""
+    marks = marks_on(lune_cup(panels), APEX, STRAP)
+    flat = [FlatPanel(panel.lower * scale, panel.upper * scale) for panel in lune_flat(panels)]
+    pieces = [
+        replace(
+            piece,
+            edges=tuple(
+                replace(edge, marks=tuple(replace(m, distance=m.distance * scale) for m in edge.marks))
+                for edge in piece.edges
+            ),
+        )
+        for piece in pieces_from_panels(flat, "left", marks)
+    ]
+    return finish(pieces, PatternOptions(**options), name="lune", side="left", date="2001-02-03")
 
 
 def program(name: str) -> str:

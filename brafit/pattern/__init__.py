@@ -4,9 +4,11 @@ piece    pieces with named edges (the sewing lines), made of developed panels, a
 marks    where landmarks lie on a cup
 curve    smooth curves of few Bezier arcs
 options  what is added to the sewing lines, and which files are written
-finish   pieces as they are cut: allowances, notches, grain line, labels, checks
+finish   pieces as they are cut, and their checks: with allowance, notch, grain, label, caption
+drawing  what is drawn of a piece, in one neutral form
+sheet    all pieces on one page, key, control square; pages: page by page on paper
 writers  which files are written, and by what
-svg, dxf, pdf  the writers; each is imported by itself, so that it costs only what it needs
+svg, dxf, pdf  the writers, which translate the drawing; each is imported by itself, so that it costs only what it needs
 """
 
 from brafit.pattern.finish import CutPiece, Pattern, finish

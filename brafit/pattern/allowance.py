@@ -8,6 +8,7 @@ narrower than asked for.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -31,24 +32,113 @@ _ROUND = 0.5
 _CORNER = np.radians(12)
 
 
-Ring = tuple[Sequence[Curve], Sequence[float], float]
-"""The sewing lines of a piece in a ring, mm; the allowance of each, mm; and 1 where the piece lies to the left of its
-outline, -1 where it lies to the right."""
+@dataclass(frozen=True)
+class Ring:
+    """The sewing lines of a piece in a ring.
+
+    Attributes:
+        curves: mm.
+        widths: the allowance of each, mm.
+        outward: 1 where the piece lies to the left of its outline, -1 where it lies to the right.
+        seams: of those that are sewn to another piece the seam's name, else empty.
+    """
+
+    curves: Sequence[Curve]
+    widths: Sequence[float]
+    outward: float
+    seams: Sequence[str] = ()
 
 
 def cut_outlines(rings: Sequence[Ring]) -> list[tuple[list[Curve], list[str]]]:
-    """The cut line around each piece, curves that meet in corners, and what is wrong with it."""
+    """The cut line around each piece, curves that meet in corners, and what is wrong with it.
+
+    Past its ends the allowance of a seam runs on equally far on both pieces, so that their cut lines end together when
+    they are sewn.
+    """
     wanted = [
-        (curve, outward * width)
-        for curves, widths, outward in rings
-        for curve, width in zip(curves, widths, strict=True)
+        (curve, ring.outward * width) for ring in rings for curve, width in zip(ring.curves, ring.widths, strict=True)
     ]
     parallels = iter(offsets([curve for curve, _ in wanted], [distance for _, distance in wanted]))
     found = []
-    for curves, widths, outward in rings:
-        plain = _parallel_outline(curves, [next(parallels) for _ in curves], widths, outward)
-        found.append((plain, []) if plain is not None else _trimmed_outline(curves, widths, outward))
+    for ring, reaches in zip(rings, _trued(rings), strict=True):
+        corners = [_corner(ring, i, reach) for i, reach in enumerate(reaches)]
+        plain = _parallel_outline(ring, [next(parallels) for _ in ring.curves], corners)
+        found.append((plain, []) if plain is not None else _trimmed_outline(ring, corners))
     return found
+
+
+Reach = tuple[float, float]
+"""How far past their common tip the allowances of two edges run on, mm."""
+
+
+def _trued(rings: Sequence[Ring]) -> list[list[Reach]]:
+    """For each corner of each ring, that after the first edge first, how far the allowances of both edges run on.
+
+    Alone, they run on to where they meet, but no farther than the other is wide; a seam's as far as the shorter of its
+    two sides. An allowance whose neighbour ends before they meet ends before that, too.
+    """
+    meets = [[_meeting(ring, i) for i in range(len(ring.curves))] for ring in rings]
+    reaches = [
+        [_clipped(both, ring.widths[i], ring.widths[(i + 1) % len(own)]) for i, both in enumerate(own)]
+        for ring, own in zip(rings, meets, strict=True)
+    ]
+    for _ in range(len(rings) + 1):
+        least: dict[tuple[str, bool], float] = {}
+        for ring, own in zip(rings, reaches, strict=True):
+            for key, reach in _seam_ends(ring, own):
+                least[key] = min(least.get(key, np.inf), reach)
+        for ring, own, met in zip(rings, reaches, meets, strict=True):
+            flat = [least.get(key, reach) for key, reach in _seam_ends(ring, own)]
+            own[:] = [
+                _short_of(reach, meet) for reach, meet in zip(zip(flat[::2], flat[1::2], strict=True), met, strict=True)
+            ]
+    return reaches
+
+
+def _clipped(reach: Reach, first: float, second: float) -> Reach:
+    """Each no farther than the other's allowance is wide."""
+    return float(np.clip(reach[0], 0, second)), float(np.clip(reach[1], 0, first))
+
+
+def _short_of(reach: Reach, meet: Reach) -> Reach:
+    """Both short of where they meet, if one is."""
+    (a, b), (to_a, to_b) = reach, meet
+    if a < to_a - 1e-9 and b >= to_b - 1e-9:
+        return a, max(b * a / to_a, 0.0)
+    if b < to_b - 1e-9 and a >= to_a - 1e-9:
+        return max(a * b / to_b, 0.0), b
+    return reach
+
+
+def _seam_ends(ring: Ring, reaches: Sequence[Reach]) -> list[tuple[tuple[str, bool], float]]:
+    """Both reaches of every corner, with the seam that each belongs to and whether it is at the outer end."""
+    names = [*ring.seams, *[""] * len(ring.curves)][: len(ring.curves)]
+    keys = [
+        (names[j] or f"none {id(ring)} {i} {j}", i == 0) for i in range(len(names)) for j in (i, (i + 1) % len(names))
+    ]
+    return list(zip(keys, [reach for pair in reaches for reach in pair], strict=True))
+
+
+def _widest_at(ring: Ring, index: int) -> float:
+    return max(ring.widths[index], ring.widths[(index + 1) % len(ring.curves)])
+
+
+def _meeting(ring: Ring, index: int) -> Reach:
+    """How far past a corner the allowances of both edges run until they meet; without end where they never do."""
+    go, come, first, last = _directions(ring, index)
+    turn = ring.outward * float(cross(go[None], come[None])[0])
+    if turn <= 1e-9:
+        return np.inf, np.inf
+    along, back = np.linalg.solve(np.stack((go, come), axis=1), last - first)
+    return float(along), float(back)
+
+
+def _directions(ring: Ring, index: int) -> tuple[ndarray, ndarray, ndarray, ndarray]:
+    """At a corner the directions of the edges before and after it, and the ends of their parallels there."""
+    before, after = ring.curves[index], ring.curves[(index + 1) % len(ring.curves)]
+    a, b = ring.widths[index], ring.widths[(index + 1) % len(ring.curves)]
+    go, come = before.trace(np.array([float(len(before.controls))]))[1][0], after.trace(np.array([0.0]))[1][0]
+    return go, come, before.end + a * ring.outward * right_of(go), after.start + b * ring.outward * right_of(come)
 
 
 def crossings(
@@ -95,23 +185,22 @@ def _turned(points: Float[ndarray, "n 2"], axis: Float[ndarray, "2"]) -> Float[n
 
 
 def _parallel_outline(
-    curves: Sequence[Curve], parallels: Sequence[Curve | None], widths: Sequence[float], outward: float
+    ring: Ring, parallels: Sequence[Curve | None], corners: Sequence[Float[ndarray, "_ 2"] | None]
 ) -> list[Curve] | None:
     """Parallel curves joined at the corners; None where that is no simple outline around the piece."""
     kept = [parallel for parallel in parallels if parallel is not None]
-    if len(kept) < len(curves):
+    if len(kept) < len(ring.curves):
         return None
     outline: list[Curve] = []
     for i, parallel in enumerate(kept):
-        j = (i + 1) % len(curves)
-        corner = _corner(curves[i], curves[j], widths[i], widths[j], outward)
+        corner = corners[i]
         if corner is None:
             return None
         outline.append(parallel)
-        points = _distinct(np.vstack((parallel.end, corner, kept[j].start)))
+        points = _distinct(np.vstack((parallel.end, corner, kept[(i + 1) % len(kept)].start)))
         if len(points) > 1:
             outline.append(Curve.line(*points))
-    return outline if _lies_around(closed(outline, _FINE), closed(curves, _FINE)) else None
+    return outline if _lies_around(closed(outline, _FINE), closed(ring.curves, _FINE)) else None
 
 
 def _lies_around(outer: Float[ndarray, "n 2"], inner: Float[ndarray, "m 2"]) -> bool:
@@ -128,41 +217,29 @@ def _lies_around(outer: Float[ndarray, "n 2"], inner: Float[ndarray, "m 2"]) -> 
     return bool(np.max(np.concatenate((beyond, inside)), initial=0.0) <= 1e-3)
 
 
-def _corner(before: Curve, after: Curve, a: float, b: float, outward: float) -> Float[ndarray, "n 2"] | None:
+def _corner(ring: Ring, index: int, reach: Reach) -> Float[ndarray, "n 2"] | None:
     """The cut line's corner points between two parallels; None at a corner that points into the piece.
 
-    Both allowances run straight on past the tip to where they meet or, at a sharp tip, to a straight end at right
-    angles to its middle line, as far from the tip as the wider allowance.
+    Both allowances run straight on past the tip as far as told, and end in a straight line between.
     """
-    go, come = before.trace(np.array([float(len(before.controls))]))[1][0], after.trace(np.array([0.0]))[1][0]
-    first, last = before.end + a * outward * right_of(go), after.start + b * outward * right_of(come)
-    turn = outward * (go[0] * come[1] - go[1] * come[0])
-    if max(a, b) == 0 or (abs(turn) < 1e-9 and go @ come > 0):
+    go, come, first, last = _directions(ring, index)
+    turn = ring.outward * float(cross(go[None], come[None])[0])
+    if _widest_at(ring, index) == 0 or (abs(turn) < 1e-9 and go @ come > 0):
         return np.stack((first, last))
     if turn < 0:
         return None
-    # first + along go = last - back come
-    along, back = np.linalg.solve(np.stack((go, come), axis=1), last - first) if turn > 1e-9 else (np.inf, np.inf)
-    if min(along, back) < 0:
-        return None
-    middle = (go - come) / np.linalg.norm(go - come)
-    tip, reach = (before.end + after.start) / 2, max(a, b)
-    if np.isfinite(along) and middle @ (first + along * go - tip) <= reach:
-        return np.stack((first, first + along * go, last))
-    ahead = max((reach - middle @ (first - tip)) / (middle @ go), 0.0)
-    behind = max((reach - middle @ (last - tip)) / -(middle @ come), 0.0)
-    return np.stack((first, first + ahead * go, last - behind * come, last))
+    return np.stack((first, first + reach[0] * go, last - reach[1] * come, last))
 
 
-def _trimmed_outline(curves: Sequence[Curve], widths: Sequence[float], outward: float) -> tuple[list[Curve], list[str]]:
+def _trimmed_outline(ring: Ring, corners: Sequence[Float[ndarray, "_ 2"] | None]) -> tuple[list[Curve], list[str]]:
     """The outline of all that lies within the allowances, hollows rounded, and what is wrong with it."""
+    curves, widths, outward = ring.curves, ring.widths, ring.outward
     parts: list[BaseGeometry] = [valid_polygon(closed(curves, _FINE))]
     for i, (curve, width) in enumerate(zip(curves, widths, strict=True)):
         if width == 0:
             continue
         parts += _strip(curve, outward * width)
-        following = (i + 1) % len(curves)
-        corner = _corner(curve, curves[following], width, widths[following], outward)
+        corner = corners[i]
         if corner is not None:
             parts.append(valid_polygon(np.vstack((curve.end[None], corner))))
     whole = shapely.union_all(shapely.buffer(parts, 1e-6))
@@ -181,9 +258,9 @@ def _trimmed_outline(curves: Sequence[Curve], widths: Sequence[float], outward: 
         if width > 0 and most > _BRIDGE * width:
             words = f"the allowance bridges a hollow of the sewing line, {most:.1f} mm wide there; clip it when sewing"
             messages.append(words)
-    ring = np.asarray(exterior.coords)[:-1]
-    ring = ring[::-1] if outward * signed_area(ring) < 0 else ring
-    return _traced(ring, curves, widths, outward), messages
+    around = np.asarray(exterior.coords)[:-1]
+    around = around[::-1] if outward * signed_area(around) < 0 else around
+    return _traced(around, curves, widths, outward), messages
 
 
 def _strip(curve: Curve, distance: float) -> list[BaseGeometry]:

@@ -16,6 +16,8 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from brafit.atomic import write_bytes
+from brafit.pattern.curve import Curve
+from brafit.pattern.drawing import Stroke, drawn
 from brafit.pattern.finish import CutPiece, Pattern
 from brafit.pattern.label import LINE
 from brafit.pattern.options import UNITS
@@ -25,6 +27,7 @@ TOLERANCE = 0.01
 """How far (mm) the polylines may lie from the curves."""
 LAYERS = {
     "cut": "1", "turn": "2", "curve": "3", "notch": "4", "grain": "7", "drill": "13", "sew": "14", "annotation": "15",
+    "T-notch": "80",
 }  # fmt: skip
 """Numbers of the layers that are used, by what they hold; the texts of pieces and style are on the cut line's."""
 CONTROL, GAP = 100.0, 10.0
@@ -86,23 +89,17 @@ def block_name(text: str, taken: set[str]) -> str:
 
 
 def _piece(piece: CutPiece, pattern: Pattern, name: str, scale: float) -> str:
-    outline = np.concatenate([curve.polyline(TOLERANCE) for curve in piece.cut])
-    outline = outline[np.append(True, np.linalg.norm(np.diff(outline, axis=0), axis=1) > 1e-6)]
-    if np.linalg.norm(outline[-1] - outline[0]) < 1e-6:
-        outline = outline[:-1]
-    corner = _is_corner(outline)
-    entities = [_polyline(np.vstack((outline, outline[:1])) * scale, "cut")]
-    entities += [_points(outline[corner] * scale, "turn"), _points(outline[~corner] * scale, "curve")]
-    entities += [_polyline(line.curve.polyline(TOLERANCE) * scale, "sew") for line in piece.sew]
-    for root, inner in (tick for notch in piece.notches for tick in notch.ticks):
-        angle = float(np.degrees(np.arctan2(*(inner - root)[::-1])))
-        entities.append(_tags((0, "POINT"), (8, LAYERS["notch"]), *_at(root * scale), (50, angle)))
-    entities += [_points(hole.point[None] * scale, "drill") for hole in piece.holes]
-    entities.append(_line(piece.grain * scale, "grain"))
+    entities: list[str] = []
+    for item in drawn(piece, name):
+        if isinstance(item, Stroke):
+            entities += _stroke(item, scale)
+        elif item.name == "caption":
+            at = item.at - 0.28 * item.size * len(item.text) * item.along
+            entities.append(_text(item.text, "annotation", scale * at, 0.7 * item.size * scale, item.angle))
     about = [f"Piece Name: {name}", f"Size: {pattern.size}", f"Quantity: {pattern.options.quantity}"]
     about += [
         f"Annotation: {words}"
-        for words in (*piece.label.lines[1:], *piece.label.notice)
+        for words in (*piece.label.lines[1:], *piece.label.left_out, *piece.label.notice)
         if not words.startswith("size")
     ]
     size, along, angle = piece.label.size, piece.label.along, piece.label.angle
@@ -111,11 +108,38 @@ def _piece(piece: CutPiece, pattern: Pattern, name: str, scale: float) -> str:
         layer = "annotation" if words.startswith("Annotation") else "cut"
         at = piece.label.at - 0.28 * size * len(words) * along + LINE * size * (row + 1 - len(about) / 2) * down
         entities.append(_text(words, layer, scale * at, 0.7 * size * scale, angle))
-    for caption in piece.captions:
-        size = caption.size
-        at = caption.at - 0.28 * size * len(caption.words) * caption.along
-        entities.append(_text(caption.words, "annotation", scale * at, 0.7 * size * scale, caption.angle))
     return "".join(entities)
+
+
+def _stroke(stroke: Stroke, scale: float) -> list[str]:
+    """Marks are points; of the grain line only the line itself; lines from texts to what they name are left out."""
+    if stroke.layer == "cut":
+        return _outline(stroke.paths[0], scale)
+    if stroke.layer == "sew":
+        return [_polyline(curve.polyline(TOLERANCE) * scale, "sew") for path in stroke.paths for curve in path]
+    if stroke.layer == "grain":
+        (line,) = stroke.paths[0]
+        return [_line(np.stack((line.start, line.end)) * scale, "grain")]
+    if stroke.layer == "drill":
+        return [_points(point[None] * scale, "drill") for point, _ in stroke.place]
+    if stroke.layer == "notch":
+        layer = LAYERS["T-notch" if stroke.role.endswith(" t") else "notch"]
+        depth, width = (scale * float(stroke.about[key]) for key in ("depth-mm", "width-mm"))
+        size = [(30, depth), *[(39, width)] * (width > 0)]  # depth is the point's z, width its thickness
+        return [
+            _tags((0, "POINT"), (8, layer), *_at(root * scale)[:2], *size, (50, angle)) for root, angle in stroke.place
+        ]
+    return []
+
+
+def _outline(curves: Sequence[Curve], scale: float) -> list[str]:
+    outline = np.concatenate([curve.polyline(TOLERANCE) for curve in curves])
+    outline = outline[np.append(True, np.linalg.norm(np.diff(outline, axis=0), axis=1) > 1e-6)]
+    if np.linalg.norm(outline[-1] - outline[0]) < 1e-6:
+        outline = outline[:-1]
+    corner = _is_corner(outline)
+    entities = [_polyline(np.vstack((outline, outline[:1])) * scale, "cut")]
+    return [*entities, _points(outline[corner] * scale, "turn"), _points(outline[~corner] * scale, "curve")]
 
 
 def _control_square(scale: float, bottom: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,18 +12,17 @@ from jaxtyping import Float
 from numpy import ndarray
 from shapely import LineString, Point, Polygon
 
-from brafit.pattern.allowance import crossings, cut_outlines, signed_area, valid_polygon
-from brafit.pattern.curve import Curve, closed, curves_through, enclosed_area, right_of
-from brafit.pattern.label import Caption, Label, Sight, place_captions, place_label
+from brafit.pattern.allowance import Ring, cut_outlines, signed_area, valid_polygon
+from brafit.pattern.caption import place_captions
+from brafit.pattern.curve import Curve, closed, curves_through, enclosed_area
+from brafit.pattern.grain import grain_line, grain_name, too_wide
+from brafit.pattern.label import Caption, Label, Sight, place_label
+from brafit.pattern.notch import Notch, notch_places, notches_on
 from brafit.pattern.options import PatternOptions
 from brafit.pattern.piece import Hole, Kind, Piece, Side, self_crossings
 
 Move = Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]]
 
-_DOUBLE = 3.0
-"""Distance in mm of the two cuts of a double notch."""
-_APART = 8.0
-"""Notches that differ in meaning keep this distance in mm along the edge."""
 _FINE, _COARSE = 0.005, 0.02
 """Tolerances in mm of the polylines that overlaps are found with, and room for texts."""
 
@@ -41,31 +39,6 @@ class SewLine:
     @property
     def length(self) -> float:
         return self.curve.length
-
-
-@dataclass(frozen=True)
-class Notch:
-    """A notch, or two side by side.
-
-    Attributes:
-        edge: name of its edge.
-        name: of the landmark it stands for; empty for a matching notch.
-        distance: from the edge's inner end along the edge, before ease, mm.
-        ticks: for each cut its outer end (on the cut line) and its inner end.
-        foot: where it meets the sewing line.
-    """
-
-    edge: str
-    name: str
-    distance: float
-    ticks: Float[ndarray, "cuts 2 2"]
-    foot: Float[ndarray, "2"]
-
-    @property
-    def inward(self) -> Float[ndarray, "2"]:
-        """Unit vector across the edge into the piece."""
-        inward = self.ticks[0, 1] - self.ticks[0, 0]
-        return inward / max(float(np.linalg.norm(inward)), 1e-9)
 
 
 @dataclass(frozen=True)
@@ -102,9 +75,13 @@ class CutPiece:
 
     @cached_property
     def _bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
+        return self.corners.min(0), self.corners.max(0)
+
+    @cached_property
+    def corners(self) -> Float[ndarray, "n 2"]:
+        """Points whose hull holds all that is drawn."""
         drawn = [self.cut_outline(), self.label.corners, *(caption.corners for caption in self.captions)]
-        points = np.concatenate(drawn)
-        return points.min(0), points.max(0)
+        return np.concatenate(drawn)
 
     def cut_outline(self, tolerance: float = 0.02) -> Float[ndarray, "n 2"]:
         """The closed cut line as a polygon; the first point is not repeated."""
@@ -224,16 +201,18 @@ def finish(
     if twist > options.twist_limit:
         whole.append(f"not truly developable: twist up to {twist:.1f} degrees, the cloth will strain there")
     size = options.size or name
-    outlines = cut_outlines([(own.eased, own.widths, own.outward) for own in sewn])
+    outlines = cut_outlines([Ring(own.eased, own.widths, own.outward, own.seams) for own in sewn])
     done = []
-    for own, (cut, messages) in zip(sewn, outlines, strict=True):
+    for number, (own, (cut, messages)) in enumerate(zip(sewn, outlines, strict=True), start=1):
         edges = {edge.name for edge in own.piece.edges}
         places = {
-            edge.name: _notch_places(edge.kind, float(np.mean(seams[edge.name])), marks.get(edge.name, {}), options)
+            edge.name: notch_places(edge.kind, float(np.mean(seams[edge.name])), marks.get(edge.name, {}), options)
             for edge in own.piece.edges
         }
         about = [w for w in whole if not w.startswith("seam") or any(f"'{e}'" in w for e in edges)]
-        done.append(_finish(own, cut, messages, places, options, about, (name, side, size, date)))
+        done.append(
+            _finish(own, cut, messages, places, options, about, (name, side, f"piece {number} of {len(sewn)}", date))
+        )
     own = dict.fromkeys(f"{piece.name}: {w}" for piece in done for w in piece.warnings if w not in whole)
     return Pattern(name, side, size, date, tuple(done), options, seams, (*whole, *own))
 
@@ -245,6 +224,7 @@ class _Sewn:
     Attributes:
         curves, eased: its edges before and after ease.
         widths: the allowance of each.
+        seams: the names of those that are sewn to another piece; empty for the others.
         outline: the polygon that the eased ones make.
         outward: 1 where the cloth lies to the left of the outline, -1 where it lies to the right.
     """
@@ -253,6 +233,7 @@ class _Sewn:
     curves: Sequence[Curve]
     eased: Sequence[Curve]
     widths: Sequence[float]
+    seams: Sequence[str]
     outline: Float[ndarray, "n 2"]
     outward: float
 
@@ -265,8 +246,9 @@ def _sewn(pieces: Sequence[Piece], options: PatternOptions) -> list[_Sewn]:
         own = [next(curves) for _ in piece.edges]
         eased = own if (stretch == 1).all() else [curve.map(lambda points: points * stretch) for curve in own]
         outline = closed(eased, _FINE)
-        widths = [float(options.allowance[edge.kind]) for edge in piece.edges]
-        found.append(_Sewn(piece, own, eased, widths, outline, 1.0 if signed_area(outline) > 0 else -1.0))
+        widths = [options.allowed(edge.kind) for edge in piece.edges]
+        seams = [edge.name if edge.kind == "ridge" else "" for edge in piece.edges]
+        found.append(_Sewn(piece, own, eased, widths, seams, outline, 1.0 if signed_area(outline) > 0 else -1.0))
     return found
 
 
@@ -294,24 +276,27 @@ def _finish(
         warnings.append(f"the edges miss each other by {gap:.2f} mm at an end")
     warnings += [] if crossed else messages
     outline = closed(cut, _FINE)
-    if clipped := _too_wide(outline, options):
+    if clipped := too_wide(outline, options):
         warnings.append(clipped)
     notches = [
-        notch for i, edge in enumerate(piece.edges) for notch in _notches(sewn, i, outline, places[edge.name], options)
+        notch
+        for i, edge in enumerate(piece.edges)  # the first edge runs from the inner end, the others back to it
+        for notch in notches_on(
+            edge.name, (sewn.curves[i], eased[i]), i > 0, sewn.outward, outline, widths[i], places[edge.name], options
+        )
     ]
     inside = valid_polygon(coarse)
     holes = [replace(hole, point=hole.point * _stretch(options)) for hole in piece.holes]
     holes = [hole for hole in holes if inside.contains(Point(*hole.point).buffer(2.0))]
-    grain = _grain_line(inside, options.grain, holes)
-    sight = Sight(inside, Polygon(closed(cut, _COARSE)), [tick for notch in notches for tick in notch.ticks])
+    grain = grain_line(inside, options.grain, holes)
+    sight = Sight(inside, Polygon(closed(cut, _COARSE)), [line for notch in notches for line in notch.strokes])
     for hole in holes:
         sight.take(Point(*hole.point).buffer(3.5))
     sight.take(LineString(grain).buffer(1.6))
     named = [(notch.name, notch.foot, notch.inward) for notch in notches if notch.name]
-    for _, foot, inward in named:  # room for their names, before the label takes what is left
-        sight.keep(Point(*(foot + 3.0 * inward)).buffer(3.0))
+    inner = [(hole.name, hole.point) for hole in holes]
+    captions = place_captions(sight, eased, named, inner, (grain_name(options), grain))
     label = place_label(sight, _label(piece, options, *names), _wrapped(warnings))
-    captions = place_captions(sight, eased, named)
     sew = tuple(SewLine(e.name, e.kind, c, w) for e, c, w in zip(piece.edges, eased, widths, strict=True))
     return CutPiece(
         name=piece.name,
@@ -327,117 +312,18 @@ def _finish(
     )
 
 
-def _too_wide(outline: Float[ndarray, "n 2"], options: PatternOptions) -> str:
-    """What to say if the piece does not fit the cloth, its grain line along the selvedge."""
-    angle = math.radians(options.grain)
-    across = float(np.ptp(outline @ np.array((-math.sin(angle), math.cos(angle)))))
-    limit = options.material_width
-    return f"{across:.0f} mm across the grain, wider than the material ({limit:.0f} mm)" if across > limit else ""
-
-
-# Notches
-
-
-def _notch_places(
-    kind: Kind, length: float, marks: Mapping[str, Sequence[float]], options: PatternOptions
-) -> list[tuple[str, float, bool]]:
-    """Name, distance from the inner end and doubleness of an edge's notches.
-
-    They follow from the seam alone, so that both of its sides get the same. Where a landmark is in the way, a matching
-    notch moves towards its own end of the seam.
-    """
-    named = [(name, float(np.mean(distances))) for name, distances in marks.items()]
-    places = [(name, distance, False) for name, distance in named]
-    count = 0 if kind == "upper" else options.notches
-    for k in range(1, count + 1):
-        distance, outer = length * k / (count + 1), 2 * k > count + 1
-        for _, other in sorted(named, key=lambda entry: entry[1], reverse=not outer):
-            if abs(distance - other) < _APART:
-                distance = other + (_APART if outer else -_APART)
-        if _APART < distance < length - _APART:
-            places.append(("", distance, outer))
-    return sorted(places, key=lambda place: place[1])
-
-
-def _notches(
-    sewn: _Sewn,
-    index: int,
-    outline: Float[ndarray, "n 2"],
-    places: Sequence[tuple[str, float, bool]],
-    options: PatternOptions,
-) -> list[Notch]:
-    """The notches of one edge.
-
-    Args:
-        sewn: the piece's sewing lines.
-        index: which of its edges.
-        outline: the cut line.
-        places: from `_notch_places`.
-        options: depth of the notches.
-    """
-    if not places:
-        return []
-    curve, width = sewn.curves[index], sewn.widths[index]
-    depth = min(options.notch_depth, 2 * width / 3) if width > 0 else options.notch_depth
-    spreads = [(0.0, *((-_DOUBLE / 2, _DOUBLE / 2) if double else (0.0,))) for _, _, double in places]
-    along = np.array([distance + d for (_, distance, _), spread in zip(places, spreads, strict=True) for d in spread])
-    # the first edge runs from the inner end, the others back to it
-    points, tangents = sewn.eased[index].trace(curve.places(curve.length - along if index else along))
-    out = sewn.outward * right_of(tangents)
-    roots = crossings(outline, points, out, width)
-    ticks = np.stack((roots, roots - depth * out), axis=1)
-    notches, first = [], 0
-    for (name, distance, _), spread in zip(places, spreads, strict=True):
-        own = ticks[first + 1 : first + len(spread)]
-        notches.append(Notch(sewn.piece.edges[index].name, name, distance, own, points[first]))
-        first += len(spread)
-    return notches
-
-
-# Grain line and what the label says
-
-
-def _grain_line(inside: Polygon, angle: float, holes: Sequence[Hole]) -> Float[ndarray, "2 2"]:
-    """Along the grain, off the middle of the piece so that the label has room; four fifths of what fits there."""
-    along = np.array((math.cos(math.radians(angle)), math.sin(math.radians(angle))))
-    across = np.array((-along[1], along[0]))
-    outline = np.asarray(inside.exterior.coords)
-    low, high = (outline @ across).min(), (outline @ across).max()
-    best, best_length = np.stack((outline[0], outline[0] + along)), 0.0
-    for share in (0.25, 0.75, 0.32, 0.68):
-        level = low + share * (high - low)
-        if any(abs(hole.point @ across - level) < 6 for hole in holes):
-            continue
-        chord = _longest_chord(outline, along, across, level)
-        length = float(np.linalg.norm(chord[1] - chord[0]))
-        if length > 1.15 * best_length:
-            middle, half = chord.mean(0), min(0.8 * length, 150.0) / 2
-            best, best_length = np.stack((middle - half * along, middle + half * along)), length
-    return best
-
-
-def _longest_chord(outline: ndarray, along: ndarray, across: ndarray, level: float) -> Float[ndarray, "2 2"]:
-    """The longest part inside a polygon of the line at `level` across."""
-    side = outline @ across - level
-    i = np.nonzero((side[:-1] < 0) != (side[1:] < 0))[0]
-    share = side[i] / (side[i] - side[i + 1])
-    hits = np.sort((outline[i] + share[:, None] * (outline[i + 1] - outline[i])) @ along)
-    pairs = hits[: len(hits) // 2 * 2].reshape(-1, 2)
-    if len(pairs) == 0:
-        return np.stack((level * across, level * across))
-    ends = pairs[np.diff(pairs, axis=1)[:, 0].argmax()]
-    return ends[:, None] * along + level * across
-
-
-def _label(piece: Piece, options: PatternOptions, name: str, side: Side, size: str, date: str) -> tuple[str, ...]:
+def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number: str, date: str) -> tuple[str, ...]:
     kinds = dict.fromkeys(edge.kind for edge in piece.edges)
     allowances = {kind: options.length(options.allowance[kind]) for kind in kinds}
     same = len(set(allowances.values())) == 1
     allowance = next(iter(allowances.values())) if same else ", ".join(f"{k} {v}" for k, v in allowances.items())
+    casing = options.wire["casing"] if "wire" in kinds else 0.0
     ease = ", ".join(f"{way} {value:+g} %" for way, value in options.ease.items() if value)
     count = options.quantity
-    lines = [piece.name, name, f"{side} cup", f"size {size}", f"cut {count}" + (f" + {count} mirrored" * options.pair)]
-    lines += [f"allowance {allowance}", f"ease {ease}" if ease else "no ease", date]
+    lines = [piece.name, number, name, f"{side} cup", options.size and f"size {options.size}"]
+    lines += [f"cut {count}" + (f" + {count} mirrored" * options.pair)]
+    lines += [f"allowance {allowance}", f"casing {options.length(casing)} more" if casing else ""]
+    lines += [f"ease {ease}" if ease else "no ease", date]
     return tuple(" ".join(line.split()) for line in lines if line.strip())
 
 

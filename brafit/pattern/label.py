@@ -1,4 +1,4 @@
-"""Texts on pieces: where they collide with no line, no mark and no other text, as large as fits."""
+"""Texts on pieces, and the label: where it collides with no line, no mark and no other text, as large as fits."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ from numpy import ndarray
 from shapely import MultiLineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from brafit.pattern.curve import Curve
-
 Move = Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]]
 
 LINE = 1.3
@@ -23,10 +21,14 @@ LINE = 1.3
 _LETTER, _BOLD_LETTER = 0.62, 0.7
 """Width of a letter of a sans-serif face at most on average, in its height."""
 _LARGEST, _READABLE, _SMALLEST = 5.0, 2.5, 1.7
-_CAPTIONS = (2.2, 1.8)
-"""Heights of letters in mm that captions are tried in."""
 _CLEAR = 0.8
 """Distance in mm that texts keep from lines, all but a hundredth."""
+LEVEL = np.array((1.0, 0.0))
+"""Direction of a level line."""
+_ESSENTIAL = 4
+"""Lines of a label that are never left out."""
+_TRIM = 4.0
+"""Length in mm of a leader's last bit, which may lie within the mark that it leads to."""
 _LABEL_CLEAR = 1.5
 """Distance in mm that a label keeps from sewing lines."""
 
@@ -57,7 +59,7 @@ class Caption:
     @property
     def corners(self) -> Float[ndarray, "4 2"]:
         """Of the box around it."""
-        return _box(self.at, self.along, text_width(self.words, self.size), self.size)
+        return box_corners(self.at, self.along, text_width(self.words, self.size), self.size)
 
     @property
     def angle(self) -> float:
@@ -78,6 +80,7 @@ class Label:
         lines: the first is the piece's name.
         notice: further lines below them: warnings.
         at, along, size: middle of the text, direction of its lines (to the right) and height of its letters, mm.
+        left_out: lines that found no room; files that do not depend on room have them.
     """
 
     lines: tuple[str, ...]
@@ -85,6 +88,7 @@ class Label:
     at: Float[ndarray, "2"]
     along: Float[ndarray, "2"]
     size: float
+    left_out: tuple[str, ...] = ()
 
     @property
     def all_lines(self) -> tuple[str, ...]:
@@ -96,7 +100,7 @@ class Label:
     @property
     def corners(self) -> Float[ndarray, "4 2"]:
         """Of the box around it."""
-        return _box(self.at, self.along, *_extent(self.lines, self.notice, self.size))
+        return box_corners(self.at, self.along, *_extent(self.lines, self.notice, self.size))
 
     @property
     def angle(self) -> float:
@@ -123,26 +127,36 @@ class Sight:
         marks: lines that are drawn there, such as notches.
     """
 
-    def __init__(self, inside: Polygon, cut: Polygon, marks: Sequence[Float[ndarray, "2 2"]] = ()):
+    def __init__(self, inside: Polygon, cut: Polygon, marks: Sequence[Float[ndarray, "_ 2"]] = ()):
         self.inside, self.cut = inside, cut
         drawn = MultiLineString([self.inside.exterior.coords, self.cut.exterior.coords, *marks])
         self._lines = drawn.buffer(_CLEAR, quad_segs=4)
         for shape in (self.inside, self.cut, self._lines):
             shapely.prepare(shape)
         self._taken: list[BaseGeometry] = []
-        self._kept: list[BaseGeometry] = []
 
     def take(self, shape: BaseGeometry) -> None:
         """What is drawn there leaves no room for texts."""
         self._taken.append(shape)
 
-    def keep(self, shape: BaseGeometry) -> None:
-        """Room that a label leaves for captions."""
-        self._kept.append(shape)
-
     def room(self) -> BaseGeometry:
         """Where a label may be."""
-        return self.inside.buffer(-_LABEL_CLEAR).difference(shapely.union_all([*self._taken, *self._kept]))
+        return self.inside.buffer(-_LABEL_CLEAR).difference(shapely.union_all(self._taken))
+
+    def taken(self, box: Polygon) -> bool:
+        """Whether a box meets a line, another text or the piece."""
+        return not bool(self.free(np.array([box]))[0]) or bool(box.intersects(self.cut))
+
+    def passable(self, starts: Float[ndarray, "n 2"], foot: Float[ndarray, "2"]) -> Bool[ndarray, " n"]:
+        """From which of these places a leader meets no text and no mark on its way to a foot, the last bit apart."""
+        way = foot - starts
+        far = np.linalg.norm(way, axis=1, keepdims=True)
+        ends = foot - way / np.maximum(far, 1e-9) * np.minimum(_TRIM, far)
+        leaders = np.asarray(shapely.linestrings(np.stack((starts, ends), axis=1)))
+        free = np.ones(len(starts), bool)
+        for shape in self._taken:
+            free &= ~shapely.intersects(shape, leaders)
+        return free
 
     def free(self, boxes: ndarray) -> Bool[ndarray, " n"]:
         """Which of these polygons, the boxes around texts, meet no line and no other text."""
@@ -155,137 +169,40 @@ class Sight:
 def place_label(sight: Sight, lines: tuple[str, ...], notice: tuple[str, ...]) -> Label:
     """The label where its letters are largest: inside the piece or, where they would be too small to read, below it.
 
-    On a narrow piece lines are joined and turned.
+    On a narrow piece lines are joined and turned; where even that does not fit, only the first lines are kept.
     """
-    room, level = sight.room(), np.array((1.0, 0.0))
+    room = sight.room()
     shapely.prepare(room)
-    at, size = _roomiest(room, sight.inside, level, lines, notice)
-    best = Label(lines, notice, at, level, size)
-    if best.size < _READABLE:
+    best = _placed(room, sight, lines, notice, LEVEL, ())
+    for kept in (lines, lines[:_ESSENTIAL]):
+        if best.size >= _READABLE or (best.size > 0 and kept is not lines):
+            break
         for count in (3, 8):
-            joined = tuple(", ".join(lines[i : i + count]) for i in range(0, len(lines), count))
+            joined = tuple(", ".join(kept[i : i + count]) for i in range(0, len(kept), count))
             for angle in (0, 90, 30, -30, 60, -60, 15, -15):
                 along = np.array((math.cos(math.radians(angle)), math.sin(math.radians(angle))))
-                at, size = _roomiest(room, sight.inside, along, joined, notice)
-                if size > 1.02 * best.size:
-                    best = Label(joined, notice, at, along, size)
+                tried = _placed(room, sight, joined, notice, along, lines[len(kept) :])
+                if tried.size > 1.02 * best.size:
+                    best = tried
     if best.size == 0:
         low, high = np.array(sight.cut.bounds[:2]), np.array(sight.cut.bounds[2:])
         _, height = _extent(lines, notice, _READABLE)
-        best = Label(lines, notice, np.array(((low[0] + high[0]) / 2, low[1] - 2 - height / 2)), level, _READABLE)
+        best = Label(lines, notice, np.array(((low[0] + high[0]) / 2, low[1] - 2 - height / 2)), LEVEL, _READABLE)
     sight.take(Polygon(best.corners))
     return best
 
 
-def place_captions(
-    sight: Sight, edges: Sequence[Curve], marks: Sequence[tuple[str, Float[ndarray, "2"], Float[ndarray, "2"]]]
-) -> tuple[Caption, ...]:
-    """Captions of the two ends and of marks on the sewing lines.
-
-    Args:
-        sight: where there is room; takes what is placed.
-        edges: the sewing lines, the first from the inner to the outer end.
-        marks: name, foot on a sewing line, and unit vector from there into the piece.
-    """
-    captions = []
-    for name, foot, inward in marks:
-        captions.append(_first(sight, name, _beside(foot, inward), foot, -inward))
-    lower, upper = edges[0], edges[-1].reversed()
-    for name, a, b in (("inner end", lower, upper), ("outer end", lower.reversed(), upper.reversed())):
-        tip, away = a.start, (_along(a, np.array([12.0])) + _along(b, np.array([12.0])))[0] - 2 * a.start
-        outward = -away / max(float(np.linalg.norm(away)), 1e-9)
-        captions.append(_first(sight, name, _from_tip(tip, a, b, outward, sight), tip, outward))
-    return tuple(captions)
-
-
-@dataclass(frozen=True)
-class _Places:
-    """Where a text may stand, the best first: middles and directions.
-
-    `within`: the polygon that it has to lie in there, if any.
-    """
-
-    at: Float[ndarray, "n 2"]
-    along: Float[ndarray, "n 2"]
-    within: Polygon | None = None
-
-
-def _first(
-    sight: Sight, words: str, places: Callable[[str, float], Sequence[_Places]], foot: ndarray, outward: ndarray
-) -> Caption:
-    """The caption at the first place that is free, else outside the piece with a leader."""
-    level = np.array((1.0, 0.0))
-    for size in _CAPTIONS:
-        for group in places(words, size):
-            along = np.where(group.along[:, :1] >= -1e-9, 1.0, -1.0) * group.along
-            boxes = _polygons(_box(group.at, along, text_width(words, size), size))
-            free = sight.free(boxes)
-            if group.within is not None:
-                free &= shapely.contains(group.within, boxes)
-            if free.any():
-                k = int(free.argmax())
-                sight.take(boxes[k].buffer(0.4))
-                return Caption(words, group.at[k], along[k], size)
-    size = _CAPTIONS[-1]
-    at = foot + np.arange(6.0, 60.0)[:, None] * outward
-    boxes = _polygons(_box(at, level[None], text_width(words, size), size))
-    free = sight.free(boxes) & ~shapely.intersects(sight.cut, boxes)
-    k = int(free.argmax()) if free.any() else len(at) - 1
-    caption = Caption(words, at[k], level, size)
-    sight.take(boxes[k].buffer(0.4))
-    near = min((*caption.corners, *((caption.corners + np.roll(caption.corners, 1, 0)) / 2)),
-               key=lambda corner: float(np.linalg.norm(corner - foot)))  # fmt: skip
-    return replace(caption, leader=np.stack((near, foot)))
-
-
-def _beside(foot: ndarray, inward: ndarray) -> Callable[[str, float], Sequence[_Places]]:
-    """Places inside a sewing line, the nearest first: level, then along the line."""
-    edge = np.array((-inward[1], inward[0]))
-    distance, way, shift = (
-        values.ravel()
-        for values in np.meshgrid(
-            (1.0, 2.0, 3.5, 5.0, 7.0, 9.0, 12.0), (0, 1), (0.0, 3.0, -3.0, 6.0, -6.0, 10.0, -10.0), indexing="ij"
-        )
-    )
-    along = np.stack((np.array((1.0, 0.0)), edge))
-    across = np.stack((-along[:, 1], along[:, 0]), axis=-1)
-
-    def places(words: str, size: float) -> Sequence[_Places]:
-        half = (np.abs(along @ inward) * text_width(words, size) + np.abs(across @ inward) * size) / 2
-        return [_Places(foot + (distance + half[way])[:, None] * inward + shift[:, None] * edge, along[way])]
-
-    return places
-
-
-def _from_tip(
-    tip: ndarray, a: Curve, b: Curve, outward: ndarray, sight: Sight
-) -> Callable[[str, float], Sequence[_Places]]:
-    """Places between two edges, from their common end on; last in the allowance beyond it.
-
-    A sharp tip is narrow: there the text follows its middle line.
-    """
-    reach = np.arange(2.0, 0.45 * min(a.length, b.length, 150.0), 1.5)
-    middles = (_along(a, reach) + _along(b, reach)) / 2
-    k = np.arange(len(middles))
-    beyond = middles[np.minimum(k + 3, len(k) - 1)] - middles[np.maximum(k - 3, 0)]
-    follow = beyond / np.maximum(np.linalg.norm(beyond, axis=1, keepdims=True), 1e-9)
-    near = (k < len(k) - 2) & (np.linalg.norm(middles - tip, axis=1) < 30)
-    directions = np.stack((np.broadcast_to((1.0, 0.0), follow.shape), follow), axis=1)[near]
-    across = np.array((-outward[1], outward[0]))
-
-    def places(words: str, size: float) -> Sequence[_Places]:
-        between = _Places(np.repeat(middles[near], 2, axis=0), directions.reshape(-1, 2), sight.inside)
-        out = tip + (size / 2 + np.array((1.2, 2.0, 3.0)))[:, None] * outward
-        return [between, _Places(out, np.broadcast_to(across, out.shape), sight.cut)]
-
-    return places
-
-
-def _along(curve: Curve, distances: Float[ndarray, " n"]) -> Float[ndarray, "n 2"]:
-    """About the points at arc lengths from a curve's start."""
-    points = curve.polyline(0.05)
-    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    return np.stack([np.interp(distances, lengths, points[:, i]) for i in range(2)], axis=-1)
+def _placed(
+    room: BaseGeometry,
+    sight: Sight,
+    lines: tuple[str, ...],
+    notice: tuple[str, ...],
+    along: Float[ndarray, "2"],
+    left_out: tuple[str, ...],
+) -> Label:
+    """A label where it is largest; size 0 where it finds no place."""
+    at, size = _roomiest(room, sight.inside, along, lines, notice)
+    return Label(lines, notice, at, along, size, left_out)
 
 
 def _roomiest(
@@ -312,7 +229,7 @@ def _roomiest(
     extent = np.array(_extent(lines, notice, 1.0))
 
     def fits(size: float) -> Bool[ndarray, " n"]:
-        return np.asarray(shapely.contains(room, _polygons(_box(centres, along[None], *(size * extent)))))
+        return np.asarray(shapely.contains(room, polygons(box_corners(centres, along[None], *(size * extent)))))
 
     # a text that fits fits smaller as well: the largest size that fits somewhere by bisection
     fit, at, least, most = 0.0, centres[0], 0, len(sizes)
@@ -334,7 +251,7 @@ def _extent(lines: Sequence[str], notice: Sequence[str], size: float) -> tuple[f
     return max(widths), LINE * size * len(widths)
 
 
-def _box(
+def box_corners(
     at: Float[ndarray, "*n 2"], along: Float[ndarray, "*#n 2"], width: float, height: float
 ) -> Float[ndarray, "*n 4 2"]:
     across = np.stack((-along[..., 1], along[..., 0]), axis=-1)
@@ -342,7 +259,7 @@ def _box(
     return np.stack((at - a - b, at + a - b, at + a + b, at - a + b), axis=-2)
 
 
-def _polygons(rings: Float[ndarray, "n k 2"]) -> ndarray:
+def polygons(rings: Float[ndarray, "n k 2"]) -> ndarray:
     return np.asarray(shapely.polygons(rings))
 
 

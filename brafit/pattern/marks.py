@@ -10,8 +10,12 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from brafit.cup.shape import CupShape
-from brafit.geometry.nearest import nearest_feet
+from brafit.geometry.nearest import nearest_feet, surface_points
 from brafit.pattern.piece import CupMark
+
+BUST_POINT, MATCH_POINT = "bust point", "match point"
+_SAME = 3.5
+"""A bust point this near (mm) to a seam is marked on the seam."""
 
 
 def marks_on(
@@ -19,8 +23,9 @@ def marks_on(
 ) -> list[CupMark]:
     """Marks of the apex and the strap point on a fitted cup (no batch dimension, cup frame, mm).
 
-    The apex marks its foot on the cup, and the place of the nearest ridge that is nearest to it, so that both pieces
-    sewn there bear it; the strap point marks the upper edge.
+    The apex marks its foot on the cup, the bust point; and the place of the nearest ridge that is nearest to it, where
+    the tip of the sewn cup falls, so that both pieces sewn there bear a match point. Where that is the bust point
+    itself, there is but one mark. The strap point marks the upper edge.
 
     Args:
         shape: the cup.
@@ -31,13 +36,16 @@ def marks_on(
     if apex is not None:
         feet = nearest_feet(_tensor(apex), shape.edges, shape.tangents, shape.stations)
         station = float(feet.interval[0]) + float(feet.tau[0])
-        marks.append(CupMark("apex", station, None, int(feet.panel[0]), float(feet.u[0])))
-        ridges = [(*_nearest_on_edge(shape, i, apex), i) for i in range(1, shape.panels)]
+        foot = surface_points(shape.edges, shape.tangents, shape.stations, feet)[0].detach().cpu().double().numpy()
+        bust = CupMark(BUST_POINT, station, None, int(feet.panel[0]), float(feet.u[0]))
+        ridges = [(*nearest_on_edge(shape, i, foot), i) for i in range(1, shape.panels)]
+        away, station, edge = min(ridges, default=(np.inf, 0.0, 0))
+        if away > _SAME:
+            marks.append(bust)
         if ridges:
-            _, station, edge = min(ridges)
-            marks.append(CupMark("apex", station, edge))
+            marks.append(CupMark(MATCH_POINT if away > _SAME else BUST_POINT, station, edge))
     if strap_point is not None:
-        _, station = _nearest_on_edge(shape, shape.panels, strap_point)
+        _, station = nearest_on_edge(shape, shape.panels, strap_point)
         marks.append(CupMark("strap point", station, shape.panels))
     return marks
 
@@ -54,17 +62,20 @@ def _tensor(point: Float[ndarray, "3"]) -> torch.Tensor:
     return torch.as_tensor(np.asarray(point, float))[None]
 
 
-def _nearest_on_edge(shape: CupShape, edge: int, point: Float[ndarray, "3"]) -> tuple[float, float]:
+def nearest_on_edge(shape: CupShape, edge: int, point: Float[ndarray, "3"]) -> tuple[float, float]:
     """Distance from an edge, and the place on it as a real-valued index of the stations."""
     x, v = (tensor.detach().cpu().double().numpy() for tensor in (shape.edges[edge], shape.tangents[edge]))
     h = np.diff(shape.stations.cpu().double().numpy())
     k = int(np.linalg.norm(x - point, axis=1).argmin())
     best = (np.inf, float(k))
     for i in {max(k - 1, 0), min(k, len(x) - 2)}:
-        t = np.linspace(0, 1, 2001)[:, None]  # a cubic Hermite arc between stations, as everywhere
-        arc = (2 * t**3 - 3 * t**2 + 1) * x[i] + (3 * t**2 - 2 * t**3) * x[i + 1]
-        arc = arc + h[i] * ((t**3 - 2 * t**2 + t) * v[i] + (t**3 - t**2) * v[i + 1])
-        away = np.linalg.norm(arc - point, axis=1)
-        j = int(away.argmin())
-        best = min(best, (float(away[j]), i + j / 2000))
+        low, high = 0.0, 1.0
+        for _ in range(3):  # the nearest of a few places, then finer about it
+            t = np.linspace(low, high, 33)[:, None]  # a cubic Hermite arc between stations, as everywhere
+            arc = (2 * t**3 - 3 * t**2 + 1) * x[i] + (3 * t**2 - 2 * t**3) * x[i + 1]
+            arc = arc + h[i] * ((t**3 - 2 * t**2 + t) * v[i] + (t**3 - t**2) * v[i + 1])
+            away = np.linalg.norm(arc - point, axis=1)
+            j = int(away.argmin())
+            best = min(best, (float(away[j]), i + float(t[j, 0])))
+            low, high = float(t[max(j - 1, 0), 0]), float(t[min(j + 1, 32), 0])
     return best

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from brafit.errors import ConfigError
@@ -14,6 +14,9 @@ PAPERS: dict[str, tuple[float, float]] = {"a4": (210.0, 297.0), "letter": (215.9
 """Width and height in mm."""
 UNITS: dict[str, float] = {"mm": 1.0, "inch": 25.4}
 """Names of the units that patterns are labelled in, and millimetres to one of each."""
+
+
+NOTCHES = ("slit", "v", "t")
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,13 @@ class PatternOptions:
             (`width`) and at right angles to it (`height`). Allowances keep their width.
         notches: matching notches on the wire and on each seam; those in the outer half are double.
         notch_depth: length of a notch; at most two thirds of the allowance are cut into.
+        notch_form: one of `NOTCHES`: a slit, a V that is cut out, or a slit with a bar at its end.
+        notch_width: of a V, and of a T's bar.
         grain: direction of the grain line in degrees from the chord of the piece's lower edge.
+        stretch: whether the cloth stretches: that line is the direction of its greatest stretch then.
+        wire: the wire's channel, each 0 for without: `casing`, cloth beyond the wire edge's allowance that is turned
+            over the wire (bought channelling needs none); `play`, by how much the channel is longer than the wire at
+            each end, where notches mark the wire's ends; `spring`, by how much the worn wire is opened from end to end.
         pair: whether the pieces for the other side are drawn as well.
         quantity: how often each piece is to be cut.
         size: name of the size, for labels and block names; empty: the scan's name.
@@ -44,14 +53,18 @@ class PatternOptions:
         ConfigError: names the setting, what came and what is allowed.
     """
 
-    formats: Sequence[str | PatternWriter] = FORMATS
+    formats: Sequence[str | PatternWriter] = FORMATS[:3]
     meshes: Sequence[str] = MESHES
     report: bool = True
     allowance: Mapping[str, float] = field(default_factory=lambda: {"wire": 6.0, "ridge": 6.0, "upper": 6.0})
     ease: Mapping[str, float] = field(default_factory=lambda: {"width": 0.0, "height": 0.0})
     notches: int = 2
     notch_depth: float = 3.0
+    notch_form: str = "slit"
+    notch_width: float = 3.0
     grain: float = 90.0
+    stretch: bool = False
+    wire: Mapping[str, float] = field(default_factory=lambda: {"casing": 0.0, "play": 0.0, "spring": 0.0})
     pair: bool = False
     quantity: int = 1
     size: str = ""
@@ -70,12 +83,19 @@ class PatternOptions:
         _one_of("paper", self.paper, PAPERS)
         for kind in ("wire", "ridge", "upper"):
             _at_least(f"allowance.{kind}", self.allowance.get(kind), 0.0)
+        for part in ("casing", "play", "spring"):
+            _at_least(f"wire.{part}", self.wire.get(part), 0.0)
         for way in ("width", "height"):
             _at_least(f"ease.{way}", self.ease.get(way), -50.0)
-        for name in ("notches", "notch_depth", "seam_tolerance", "twist_limit"):
+        _one_of("notch_form", self.notch_form, NOTCHES)
+        for name in ("notches", "notch_depth", "notch_width", "seam_tolerance", "twist_limit"):
             _at_least(name, getattr(self, name), 0.0)
         _at_least("quantity", self.quantity, 1)
         _at_least("material_width", self.material_width, 1.0)
+
+    def allowed(self, kind: str) -> float:
+        """The allowance of a kind of edge, the casing's cloth included."""
+        return float(self.allowance[kind]) + (self.wire["casing"] if kind == "wire" else 0.0)
 
     def length(self, millimetres: float, digits: int = 1) -> str:
         """A length as labels show it, with its unit."""
@@ -83,7 +103,7 @@ class PatternOptions:
         return f"{value:.{digits}f} mm" if self.units == "mm" else f"{value:.{digits + 1}f} in"
 
 
-def _one_of(name: str, value: str, choices: Mapping[str, object]) -> None:
+def _one_of(name: str, value: str, choices: Collection[str]) -> None:
     if value not in choices:
         raise ConfigError(f"pattern.{name}={value}: must be one of {', '.join(choices)}")
 

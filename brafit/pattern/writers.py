@@ -57,7 +57,7 @@ class DxfWriter(PatternWriter):
 
 
 class PdfWriter(PatternWriter):
-    """Tiled, and one large sheet, see `brafit.pattern.pdf`."""
+    """Page by page, and one large sheet, see `brafit.pattern.pdf`."""
 
     files = ("patterns.pdf", "patterns_sheet.pdf")
 
@@ -68,11 +68,36 @@ class PdfWriter(PatternWriter):
         write_pdf_sheet(folder / "patterns_sheet.pdf", patterns, title, note)
 
 
-WRITERS: dict[str, PatternWriter] = {"svg": SvgWriter(), "dxf": DxfWriter(), "pdf": PdfWriter()}
+class ProjectorWriter(PatternWriter):
+    """The sheet for projectors, see `brafit.pattern.pdf`."""
+
+    files = ("patterns_projector.pdf",)
+
+    def write(self, folder: Path, patterns: Sequence[Pattern], title: str, note: str) -> None:
+        from brafit.pattern.pdf import write_pdf_projector
+
+        write_pdf_projector(folder / "patterns_projector.pdf", patterns, title, note)
+
+
+WRITERS: dict[str, PatternWriter] = {
+    "svg": SvgWriter(),
+    "dxf": DxfWriter(),
+    "pdf": PdfWriter(),
+    "projector": ProjectorWriter(),
+}
 """brafit's own, each imported by itself as it writes, so that it costs only what it needs."""
 
 
-OTHER_FILES = ("cup.ply", "cup.obj", "cup.glb", "points.ply", "report.html", "thumbnail.png", "fit.json")
+OTHER_FILES = (
+    "cup.ply",
+    "cup.obj",
+    "cup.glb",
+    "points.ply",
+    "stitches.json",
+    "report.html",
+    "thumbnail.png",
+    "fit.json",
+)
 """What else is written beside the patterns of a scan."""
 
 

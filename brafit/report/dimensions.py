@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from numpy import ndarray
 
-from brafit.cup.shape import CupShape
-from brafit.geometry.development import FlatPanel
 from brafit.pattern.finish import Pattern
 from brafit.pattern.piece import piece_names, seam_names
+from brafit.report.measures import Fitted, over_surface
+from brafit.underwires.nearest import wanted_wire
 
 Key = tuple[str, str]
 """Part and name of a dimension."""
@@ -33,27 +32,21 @@ class Dimension:
     sd: float | None = None
 
 
-class Fitted(Protocol):
-    """A cup and its flat panels: a fit or one of its alternatives."""
-
-    @property
-    def shape(self) -> CupShape: ...
-
-    @property
-    def panels(self) -> Sequence[FlatPanel]: ...
+SURFACE = "over the surface"
+"""The part of the measures that a tape takes on the cup."""
 
 
 def dimensions(
-    shape: CupShape,
+    fit: Fitted,
     pattern: Pattern,
     apex: Float[ndarray, "3"],
     strap_point: Float[ndarray, "3"] | None = None,
     deviation: Mapping[Key, float] | None = None,
 ) -> list[Dimension]:
-    """Edges, widths and areas of the pieces; depth and apex distances (straight) of the cup.
+    """Edges, widths and areas of the pieces; depth and apex distances (straight) of the cup; measures over its surface.
 
     Args:
-        shape: the cup, cup frame, mm, no batch dimension.
+        fit: the cup, cup frame, mm, no batch dimension, and its flat panels.
         pattern: its finished pieces; with ease, their lengths are those to cut, not those worn.
         apex: bust point, cup frame.
         strap_point: cup frame, mm; None: there is none, and no distance from it.
@@ -64,9 +57,15 @@ def dimensions(
         found |= {(piece.name, line.name): line.length for line in piece.sew}
         width, height = np.ptp(piece.sew_outline(0.001), axis=0)
         found |= {(piece.name, "width"): width, (piece.name, "height"): height, (piece.name, "area"): piece.area / 100}
-    of_cup = _of_cup(_numbers(shape.edges)[None], apex, strap_point)
+    of_cup = _of_cup(_numbers(fit.shape.edges)[None], apex, strap_point)
     found |= {("cup", name): float(value[0]) for name, value in of_cup.items()}
     found["cup", "area of all panels"] = sum(piece.area for piece in pattern.pieces) / 100
+    wire = pattern.options.wire
+    if wire["play"] or wire["spring"]:
+        length, span = wanted_wire(_numbers(fit.shape.edges[0]), wire["play"], wire["spring"])
+        found |= {("cup", "wire wanted, length"): length, ("cup", "wire wanted, end to end when not worn"): span}
+    taped = over_surface([fit], apex, strap_point)
+    found |= {(SURFACE, name): float(value[0]) for name, value in taped.items() if np.isfinite(value[0])}
     known = deviation or {}
     return [
         Dimension(part, name, float(value), "cm2" if name.startswith("area") else "mm", known.get((part, name)))
@@ -102,7 +101,9 @@ def dimension_deviation(
         measured |= {(name, seams[i]): sizes.pop("lower"), (name, seams[i + 1]): sizes.pop("upper")}
         measured |= {(name, key): value for key, value in sizes.items()}
     measured["cup", "area of all panels"] = np.sum(areas, axis=0)
-    return {key: float(np.sqrt(np.sum((values[1:] - values[0]) ** 2))) for key, values in measured.items()}
+    measured |= {(SURFACE, name): values for name, values in over_surface(cups, apex, strap_point).items()}
+    spread = {key: float(np.sqrt(np.sum((values[1:] - values[0]) ** 2))) for key, values in measured.items()}
+    return {key: value for key, value in spread.items() if np.isfinite(value)}
 
 
 def _numbers(tensor: torch.Tensor) -> ndarray:

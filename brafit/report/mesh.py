@@ -114,6 +114,7 @@ class PanelMesh:
         name: its piece's name.
         vertices, normals, faces: as in `Mesh`.
         flat: each vertex's place in the flat pattern (the sewing lines, without ease), mm.
+        strips: rows of triangles from edge to edge.
     """
 
     name: str
@@ -121,6 +122,26 @@ class PanelMesh:
     normals: Float[ndarray, "v 3"]
     flat: Float[ndarray, "v 2"]
     faces: Int[ndarray, "f 3"]
+    strips: int
+
+    @property
+    def lower(self) -> Int[ndarray, " n"]:
+        """Numbers of the lower edge's vertices, from the inner end."""
+        return self._edge(0)
+
+    @property
+    def upper(self) -> Int[ndarray, " n"]:
+        """Numbers of the upper edge's vertices, from the inner end."""
+        return self._edge(self.strips)
+
+    def _edge(self, row: int) -> Int[ndarray, " n"]:
+        last = len(self.vertices) - 1
+        return np.concatenate(([0], np.arange(1 + row, last, self.strips + 1), [last]))
+
+
+def object_name(mesh: PanelMesh) -> str:
+    """What the OBJ file calls a panel."""
+    return "_".join(mesh.name.split())
 
 
 def panel_meshes(
@@ -142,7 +163,7 @@ def panel_meshes(
         own = mesh.panel == i
         first = int(np.argmax(own))
         faces = mesh.faces[own[mesh.faces[:, 0]]] - first
-        meshes.append(PanelMesh(piece.name, mesh.vertices[own], mesh.normals[own], flat, faces))
+        meshes.append(PanelMesh(piece.name, mesh.vertices[own], mesh.normals[own], flat, faces, strips))
     return meshes
 
 
@@ -153,7 +174,7 @@ def write_cup_obj(path: str | Path, meshes: Sequence[PanelMesh]) -> None:
     """
     parts, first = ["# brafit: bra cup, an object a panel; vt is the flat pattern; mm\n"], 1
     for mesh in meshes:
-        parts.append(f"o {'_'.join(mesh.name.split())}\n")
+        parts.append(f"o {object_name(mesh)}\n")
         parts.append(_rows("v %.9f %.9f %.9f\n", mesh.vertices))
         parts.append(_rows("vt %.9f %.9f\n", mesh.flat))
         parts.append(_rows("vn %.6f %.6f %.6f\n", mesh.normals))

@@ -200,9 +200,19 @@ def _nearest_wire(row: Mapping[str, Any], pattern: Pattern) -> str:
     length, span = (pattern.options.length(abs(value)) for value in (longer, wider))
     more, broad = "longer" if longer >= 0 else "shorter", "wider" if wider >= 0 else "narrower"
     return (
-        f"<p>Nearest wire sold: <b>{text(name)}</b>, {length} {more} than the wire line "
+        f"<p>Nearest wire sold: <b>{text(name)}</b>, {length} {more} than {_wanted(pattern)} "
         f"and {span} {broad} from end to end.</p>"
     )
+
+
+def _wanted(pattern: Pattern) -> str:
+    """What a wire is compared with."""
+    play, spring = pattern.options.wire["play"], pattern.options.wire["spring"]
+    if not (play or spring):
+        return "the wire line"
+    about = [f"play of {pattern.options.length(play)} at each end"] * bool(play)
+    about += [f"opened by {pattern.options.length(spring)} when worn"] * bool(spring)
+    return f"the wire wanted ({', '.join(about)})"
 
 
 def _doubt(d: Dimension, pattern: Pattern) -> str:

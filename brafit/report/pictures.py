@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from brafit.cup.shape import CupShape
+from brafit.pattern.drawing import RED, Words, drawn
 from brafit.pattern.finish import CutPiece, Move, Pattern
-from brafit.pattern.piece import Kind, Side, layout
+from brafit.pattern.piece import Side, layout
 from brafit.report.canvas import FAINT, INK, SOFT, Canvas, Colour
 from brafit.report.colour import PANELS, distance_colours, distance_limit
 from brafit.report.view import Picture, View
 
-_LINES: dict[Kind, tuple[str, Colour, float, tuple[float, float] | None]] = {
+_LINES: dict[str, tuple[str, Colour, float, tuple[float, float] | None]] = {
     "wire": ("wire", (11, 83, 148), 3.0, None),
     "ridge": ("ridge (seam)", (180, 70, 15), 2.1, (12.5, 3.1)),
     "upper": ("upper edge", (46, 107, 52), 2.1, (2.9, 2.5)),
@@ -104,37 +103,14 @@ def _piece(canvas: Canvas, piece: CutPiece, place: Move, scale: float) -> None:
     canvas.fill(cut, _ALLOWANCE)
     canvas.fill(sewn, _CLOTH)
     canvas.line(np.vstack((cut, cut[:1])), INK, 1.0)
-    for line in piece.sew:
-        _, colour, width, dashes = _LINES[line.kind]
-        canvas.line(place(line.curve.polyline()), colour, width, dashes)
-    for tick in (tick for notch in piece.notches for tick in notch.ticks):
-        canvas.line(place(tick), INK, 1.6)
-    for hole in piece.holes:
-        x, y = place(hole.point)
-        canvas.line(np.array(((x - 6, y), (x + 6, y))), INK, 1.5)
-        canvas.line(np.array(((x, y - 6), (x, y + 6))), INK, 1.5)
-    for stroke in _arrow(place(piece.grain)):
-        canvas.line(stroke, SOFT, 1.3)
-    label = piece.label
-    for row, words in enumerate(label.all_lines):
-        colour = _WARNING if row >= len(label.lines) else INK
-        at, bold = place(label.middle(row)), label.is_bold(row)
-        canvas.text(words, at, scale * label.size, angle=label.angle, bold=bold, colour=colour)
-    for caption in piece.captions:
-        canvas.text(caption.words, place(caption.at), scale * caption.size, angle=caption.angle)
-        if caption.leader is not None:
-            canvas.line(place(caption.leader), INK, 0.6)
-
-
-def _arrow(ends: Float[ndarray, "2 2"]) -> Iterator[Float[ndarray, "_ 2"]]:
-    """A line with a head at both ends."""
-    yield ends
-    size = float(np.linalg.norm(ends[1] - ends[0]))
-    if size > 0:
-        back = (ends[1] - ends[0]) / size * min(7.0, size / 3)
-        aside = np.array((-back[1], back[0])) * 0.4
-        for tip, way in ((ends[0], back), (ends[1], -back)):
-            yield np.stack((tip + way + aside, tip, tip + way - aside))
+    for item in drawn(piece, piece.name):
+        if isinstance(item, Words):
+            colour = _WARNING if item.colour == RED else INK
+            canvas.text(item.text, place(item.at), scale * item.size, angle=item.angle, bold=item.bold, colour=colour)
+        elif item.layer != "cut":
+            _, colour, width, dashes = _LINES.get(item.pen, ("", INK, 0.6 if item.pen == "leader" else 1.5, None))
+            for curve in (curve for path in item.paths for curve in path):
+                canvas.line(place(curve.polyline(0.1)), colour, width, dashes)
 
 
 def _rules(canvas: Canvas, axes: Float[ndarray, "3 2"], origin: Float[ndarray, "2"], scale: float) -> None:
@@ -154,7 +130,7 @@ def _rules(canvas: Canvas, axes: Float[ndarray, "3 2"], origin: Float[ndarray, "
     canvas.line(axes, INK, 1.2)
 
 
-def _key(canvas: Canvas, kinds: list[Kind], y: float) -> None:
+def _key(canvas: Canvas, kinds: list[str], y: float) -> None:
     """What the lines mean, in one row."""
     widths = [34 + 8 + 8 * len(_LINES[kind][0]) + 26 for kind in kinds]
     x = (canvas.width - sum(widths)) / 2

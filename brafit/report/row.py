@@ -33,7 +33,14 @@ def failed_row(
     return {key: value for key, value in row.items() if value is not None}
 
 
-def fitted_row(fit: CupFit, side: str, points: int, model: Mapping[str, Any], neckline: bool) -> dict[str, Any]:
+def fitted_row(
+    fit: CupFit,
+    side: str,
+    points: int,
+    model: Mapping[str, Any],
+    neckline: bool,
+    wire: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
     """The row of a fit: `ok` if it is a cup and all its figures are numbers.
 
     Args:
@@ -42,10 +49,11 @@ def fitted_row(fit: CupFit, side: str, points: int, model: Mapping[str, Any], ne
         points: of the scan.
         model: cup, solver, panels and terms, by these keys.
         neckline: whether the scan has one; without it there is no distance from it.
+        wire: `play` and `spring` of the wire in its channel, see `brafit.pattern.PatternOptions`.
     """
     figures = {key: math.nan if value is None else float(value) for key, value in fit.figures.items()}
     row = failed_row(fit.name, fit.reason, model, side, points)
-    row |= figures | _wire_to_buy(fit) | {"iterations": fit.iterations, "seconds": fit.seconds}
+    row |= figures | _wire_to_buy(fit, wire or {}) | {"iterations": fit.iterations, "seconds": fit.seconds}
     if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED, ResultCode.UNLIKE):
         return row
     absent = OPTIONAL if not neckline else {"outline_sd_mm"}
@@ -55,11 +63,11 @@ def fitted_row(fit: CupFit, side: str, points: int, model: Mapping[str, Any], ne
     return row | {"status": "ok"}
 
 
-def _wire_to_buy(fit: CupFit) -> dict[str, Any]:
-    """The wire sold that comes nearest to the cup's wire edge."""
+def _wire_to_buy(fit: CupFit, wire: Mapping[str, float]) -> dict[str, Any]:
+    """The wire sold that comes nearest to the one that the cup's wire edge wants."""
     line = fit.shape.edges[0].detach().cpu().double().numpy()
     if not np.isfinite(line).all():
         return {}
-    near = nearest_wire(line)
+    near = nearest_wire(line, wire.get("play", 0.0), wire.get("spring", 0.0))
     differences = {"nearest_wire_length_diff_mm": near.length, "nearest_wire_span_diff_mm": near.span}
     return {"nearest_wire": near.wire.name, **differences}

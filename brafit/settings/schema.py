@@ -163,6 +163,15 @@ class EaseConfig:
 
 
 @dataclass
+class WireConfig:
+    """pattern.wire"""
+
+    casing: float = limited(0, 100)
+    play: float = limited(0, 50)
+    spring: float = limited(0, 100)
+
+
+@dataclass
 class PatternConfig:
     """pattern=default"""
 
@@ -175,7 +184,11 @@ class PatternConfig:
     ease: EaseConfig = field(default_factory=EaseConfig)
     notches: int = limited(0, 20)
     notch_depth: float = limited(0, 20)
+    notch_form: str = one_of("slit", "v", "t")
+    notch_width: float = limited(0, 20)
     grain: float = limited(-360, 360)
+    stretch: bool = MISSING
+    wire: WireConfig = field(default_factory=WireConfig)
     pair: bool = MISSING
     quantity: int = limited(1)
     size: str = MISSING

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from brafit.geometry.polyline import polyline_length
 from brafit.underwires.sizes import CATALOGUE, WireSize, wire_size
 
 
 @dataclass(frozen=True)
 class NearestWire:
-    """A wire of the catalogue, and how it differs from a wire line (wire less line), mm: from end to end, `span`."""
+    """A wire of the catalogue, and how it differs from the wanted one (wire less wanted), mm: in length and from end to
+    end, `span`.
+    """
 
     wire: WireSize
     length: float
@@ -40,10 +41,10 @@ FAR = 15.0
 wires are 15 mm longer and 8 mm wider."""
 
 
-def compared(wire: WireSize, line: Float[np.ndarray, "k 3"]) -> NearestWire:
-    """How a wire differs from a wire line (from end to end, mm)."""
-    span = float(np.linalg.norm(line[-1] - line[0]))
-    return NearestWire(wire, wire.length - polyline_length(line), wire.span - span)
+def compared(wire: WireSize, line: Float[np.ndarray, "k 3"], play: float = 0.0, spring: float = 0.0) -> NearestWire:
+    """How a wire differs from the one that a wire line (from end to end, mm) wants, see `wanted_wire`."""
+    length, span = wanted_wire(line, play, spring)
+    return NearestWire(wire, wire.length - length, wire.span - span)
 
 
 def chosen_wire(name: str, line: Float[np.ndarray, "k 3"]) -> tuple[str, bool]:
@@ -53,10 +54,25 @@ def chosen_wire(name: str, line: Float[np.ndarray, "k 3"]) -> tuple[str, bool]:
     return f"{told}; nearest to that, of those sold, is {nearest}", chosen.apart - nearest.apart > FAR
 
 
-def nearest_wire(line: Float[np.ndarray, "k 3"]) -> NearestWire:
-    """The wire with the least sum of the squares of the differences in length and span.
+def wanted_wire(line: Float[np.ndarray, "k 3"], play: float = 0.0, spring: float = 0.0) -> tuple[float, float]:
+    """Length and span (from end to end, not worn) of the wire that is wanted for a wire line, mm.
 
     Args:
         line: a wire line from end to end, mm.
+        play: by how much the line is longer than the wire at each end.
+        spring: by how much the wire is opened from end to end when it is worn.
     """
-    return min((compared(wire, line) for wire in CATALOGUE), key=lambda near: near.apart)
+    arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    ends = [np.array([np.interp(at, arc, column) for column in line.T]) for at in (play, arc[-1] - play)]
+    return max(float(arc[-1]) - 2 * play, 0.0), max(float(np.linalg.norm(ends[1] - ends[0])) - spring, 0.0)
+
+
+def nearest_wire(line: Float[np.ndarray, "k 3"], play: float = 0.0, spring: float = 0.0) -> NearestWire:
+    """The wire with the least sum of the squares of the differences in length and span from the wire that is wanted.
+
+    Args:
+        line: a wire line from end to end, mm.
+        play: as for `wanted_wire`.
+        spring: as for `wanted_wire`.
+    """
+    return min((compared(wire, line, play, spring) for wire in CATALOGUE), key=lambda near: near.apart)

@@ -75,6 +75,7 @@ def test_patterns_and_files(fitted: Result, tmp_path: Path) -> None:
     assert names == patterns | {
         "cup.ply",
         "cup.obj",
+        "stitches.json",
         "cup.glb",
         "points.ply",
         "report.html",

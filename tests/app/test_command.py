@@ -31,7 +31,7 @@ TINY = [
 ]
 FILES = {
     "fit.json", "patterns.svg", "patterns.dxf", "patterns.pdf", "patterns_sheet.pdf", "cup.ply", "cup.obj", "cup.glb",
-    "points.ply", "report.html", "thumbnail.png",
+    "stitches.json", "points.ply", "report.html", "thumbnail.png",
 }  # fmt: skip
 
 

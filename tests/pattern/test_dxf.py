@@ -8,9 +8,10 @@ from collections import Counter
 import ezdxf.filemanagement
 import numpy as np
 import pytest
-from check_patterns import dxf_figures, gdal_figures, polyline_length, trimesh_figures
+from check_patterns import dxf_figures, gdal_figures, trimesh_figures
 from ezdxf.lldxf.encoding import decode_dxf_unicode
 from patterns import pattern, program
+from readers import polyline_length
 
 from brafit.pattern.dxf import block_name, write_dxf
 
@@ -68,6 +69,18 @@ def test_pieces_layers_and_texts(tmp_path, unit, millimetres, name):
     (square,) = found["CONTROL_SQUARE_100MM"].query('POLYLINE[layer=="1"]')
     corners = np.array([v.dxf.location.vec2 for v in square.vertices]) * millimetres
     np.testing.assert_allclose(np.ptp(corners, axis=0), (100, 100), atol=1e-9)
+
+
+def test_notches_with_a_bar_have_the_layer_of_t_notches(tmp_path):
+    made = pattern(notch_form="t")
+    write_dxf(tmp_path / "p.dxf", [made], "lune")
+    found = blocks(read(tmp_path / "p.dxf"))
+    for piece in made.pieces:
+        block = found[f"{piece.name.upper().replace(' ', '_')}_LUNE"]
+        counts = Counter(entity.dxf.layer for entity in block.query("POINT"))
+        notch = block.query('POINT[layer=="80"]').first
+        assert (notch.dxf.location.z, notch.dxf.thickness) == pytest.approx((3.0, 3.0))
+        assert (counts["80"], counts["4"]) == (sum(len(notch.ticks) for notch in piece.notches), 0)
 
 
 def test_several_sizes_lie_apart_in_one_file(tmp_path):

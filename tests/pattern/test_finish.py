@@ -73,15 +73,49 @@ def test_no_allowance_cuts_along_the_sewing_line():
         assert len(piece.cut) == 2
 
 
-@pytest.mark.parametrize("widths", [(6, 6, 6), (10, 5, 5), (8, 0, 3)])
-def test_sharp_tips_end_straight_at_the_wider_allowance(widths):
-    """Mitred to the full, the allowance would run on for the length of the tip."""
-    for piece in lunes(allowance=allowance(*widths)).pieces:
-        widest = max(line.allowance for line in piece.sew)
-        low, high = piece.bounds
-        start, end = piece.sew[0].curve.start, piece.sew[0].curve.end
-        assert start[0] - low[0] == pytest.approx(widest, abs=0.05)
-        assert high[0] - end[0] == pytest.approx(widest, abs=0.05)
+def past_the_end(piece: CutPiece, name: str, outer: bool) -> float:
+    """How far past a seam's end its allowance runs on: the cut line's corner there."""
+    number = next(i for i, line in enumerate(piece.sew) if line.name == name)
+    line = piece.sew[number]
+    curve = line.curve if outer == (number > 0) else line.curve.reversed()  # from that end
+    tip, tangent = curve.at(0.0)
+    corners = np.concatenate([curve.controls[:, 3] for curve in piece.cut])
+    aside = np.abs((corners - tip) @ np.array((-tangent[1], tangent[0])))
+    along = -(corners - tip) @ tangent
+    return float(along[(np.abs(aside - line.allowance) < 0.02) & (along < 60)].max())
+
+
+@pytest.mark.parametrize("widths", [(6, 6, 6), (10, 5, 5), (8, 4, 3), (0, 6, 6)])
+@pytest.mark.parametrize("panels", [2, 3])
+def test_allowances_of_a_seam_end_together(panels, widths):
+    """Sewn, the cut lines of both pieces meet past the ends of the seam, though their corners differ."""
+    made = lunes(panels, allowance=allowance(*widths))
+    for pattern in (made, walked(widths)):
+        for below, above in zip(pattern.pieces[:-1], pattern.pieces[1:], strict=True):
+            name = below.sew[1].name
+            for outer in (False, True):
+                ends = [past_the_end(piece, name, outer) for piece in (below, above)]
+                assert ends[0] == pytest.approx(ends[1], abs=0.01)
+                assert -1e-9 <= ends[0] <= max(widths) + 0.01
+
+
+def test_a_wide_allowance_runs_past_its_end_only_as_far_as_its_neighbour_is_wide():
+    piece = lunes(wire={"casing": 12.0, "play": 0.0, "spring": 0.0}).pieces[0]
+    low, high = piece.cut_outline().min(0), piece.cut_outline().max(0)
+    start, end = piece.sew[0].curve.start, piece.sew[0].curve.end
+    assert past_the_end(piece, "wire", outer=True) == pytest.approx(6.0, abs=0.02)
+    assert max(start[0] - low[0], high[0] - end[0]) < 18.0
+
+
+def walked(widths: tuple[float, float, float]) -> Pattern:
+    """Two panels whose corners differ much: one sharp, one blunt, with one seam."""
+    x = torch.linspace(0, 100, 401, dtype=torch.float64)
+    bump = x * (100 - x) / 2500
+    panels = [
+        FlatPanel(torch.stack((x, -10 * bump), -1), torch.stack((x, 20 * bump), -1)),
+        FlatPanel(torch.stack((x, -20 * bump), -1), torch.stack((x, 90 * bump), -1)),
+    ]
+    return finish(pieces_from_panels(panels), PatternOptions(allowance=allowance(*widths)), name="x", side="left")
 
 
 def test_matching_notches_are_at_the_same_distance_and_double_towards_the_outer_end():
@@ -122,9 +156,9 @@ def test_landmarks_are_marked_where_they_lie():
     # the lune's ridge is the wire turned: arc length is the angle from the inner end
     angle = np.arctan2(12.0, RADIUS + np.hypot(3, 3)) + np.pi / 2
     for piece in (lower, upper):
-        (apex,) = (n for n in piece.notches if n.name == "apex")
-        assert (apex.edge, len(apex.ticks)) == ("ridge", 1)
-        assert apex.distance == pytest.approx(RADIUS * angle, abs=0.05)
+        (match,) = (n for n in piece.notches if n.name in ("match point", "bust point"))
+        assert (match.edge, len(match.ticks)) == ("ridge", 1)
+        assert match.distance == pytest.approx(RADIUS * angle, abs=0.05)
     (strap,) = (n for n in upper.notches if n.name == "strap point")
     assert strap.distance == pytest.approx(HALF, abs=0.05)
     np.testing.assert_allclose(strap.foot[0], np.ptp(upper.sew_outline()[:, 0]) / 2, atol=0.05)
@@ -136,7 +170,7 @@ def test_notches_keep_clear_of_landmarks():
     apex = RADIUS * np.array([np.sin(angle) / np.sqrt(2), 1 - np.cos(angle), np.sin(angle) / np.sqrt(2)])
     for piece in lunes(apex=apex).pieces:
         places = sorted(n.distance for n in piece.notches if n.edge == "ridge")
-        assert np.diff(places).min() > 7.9
+        assert np.diff(places).min() > 12, "five times as far apart as the cuts of a double notch"
         assert places[-1] > seam * 2 / 3
 
 
@@ -158,8 +192,7 @@ def test_ease_stretches_pieces_but_not_allowances():
         assert b.area / a.area == pytest.approx(0.92 * 1.05, abs=1e-5)
         assert "ease width -8 %, height +5 %" in b.label.lines
         assert "no ease" in a.label.lines
-        low, _ = b.bounds
-        assert b.sew[0].curve.start[0] - low[0] == pytest.approx(6.0, abs=0.02)
+        assert past_the_end(b, "ridge", outer=False) == pytest.approx(6.0, abs=0.02)
         for m, n in zip(a.notches, b.notches, strict=True):
             np.testing.assert_allclose(n.foot, m.foot * (0.92, 1.05), atol=1e-9)
 
@@ -180,9 +213,63 @@ def test_grain_line_and_label_are_on_the_piece(grain):
 def test_labels_say_what_a_cutter_needs():
     pattern = lunes(size="75B", pair=True, quantity=2, allowance=allowance(8, 6, 6))
     about = ("size 75B", "cut 2 + 2 mirrored", "allowance wire 8.0 mm, ridge 6.0 mm", "no ease", "2001-02-03")
-    assert pattern.pieces[0].label.lines == ("lower panel", "lune", "left cup", *about)
+    assert pattern.pieces[0].label.lines == ("lower panel", "piece 1 of 2", "lune", "left cup", *about)
+    assert sum("lune" in line for line in lunes().pieces[1].label.lines) == 1, "the name stands there once"
     inches = lunes(units="inch").pieces[0]
     assert "allowance 0.24 in" in inches.label.lines
+
+
+def test_wire_channel_is_off_by_default_and_notched_where_the_wire_ends():
+    plain = lunes().pieces[0]
+    assert not any(notch.name == "wire end" for notch in plain.notches)
+    made = lunes(wire={"casing": 12.0, "play": 7.0, "spring": 5.0}).pieces[0]
+    wire, ridge = made.sew
+    assert (wire.allowance, ridge.allowance) == (18.0, 6.0)
+    assert "casing 12.0 mm more" in made.label.lines
+    ends = sorted(notch.distance for notch in made.notches if notch.name == "wire end")
+    np.testing.assert_allclose(ends, (7.0, wire.length - 7.0), atol=1e-6)
+    assert "wire end" in {caption.words for caption in made.captions}
+    np.testing.assert_allclose(made.sew_outline(), plain.sew_outline(), atol=1e-9)
+
+
+@pytest.mark.parametrize("form", ["slit", "v", "t"])
+def test_forms_of_notches(form):
+    """All reach as deep; a V is open on the cut line, a T's bar lies at the end."""
+    for piece in lunes(notch_form=form, notch_width=4.0).pieces:
+        cut = Polygon(piece.cut_outline(1e-3)).exterior
+        for notch in piece.notches:
+            lines = notch.strokes
+            assert len(lines) == len(notch.ticks) * (2 if form == "t" else 1)
+            if form == "v":
+                for mouth, tip, other in lines:
+                    assert np.linalg.norm(other - mouth) == pytest.approx(4.0)
+                    assert max(cut.distance(Point(*p)) for p in (mouth, other)) < 0.3
+                    assert cut.distance(Point(*tip)) == pytest.approx(3.0, abs=0.05)
+            if form == "t":
+                (a, b), tick = lines[1], notch.ticks[0]
+                np.testing.assert_allclose((a + b) / 2, tick[1], atol=1e-9)
+                assert (b - a) @ (tick[1] - tick[0]) == pytest.approx(0, abs=1e-9)
+            if len(notch.ticks) == 2:
+                assert np.linalg.norm(notch.ticks[1, 0] - notch.ticks[0, 0]) > (3 if form == "slit" else 6)
+
+
+def test_line_of_cloth_that_stretches_is_named_so():
+    assert {"grain line"} == {c.words for p in lunes().pieces for c in p.captions} & {"grain line", "greatest stretch"}
+    stretch = lunes(stretch=True, grain=0.0).pieces
+    assert all("greatest stretch" in {caption.words for caption in piece.captions} for piece in stretch)
+    assert not any("grain line" in {caption.words for caption in piece.captions} for piece in stretch)
+
+
+def test_bust_point_is_named_where_it_lies_and_no_seam_notch_is_called_so():
+    made = lunes(apex=APEX + np.array((3.0, 12.0, -12.0)))
+    (holed,) = (piece for piece in made.pieces if piece.holes)
+    captions = {caption.words: caption for caption in holed.captions}
+    assert np.linalg.norm(captions["bust point"].at - holed.holes[0].point) < 20
+    assert all({"match point"} == {n.name for n in p.notches if n.edge == "ridge" and n.name} for p in made.pieces)
+    on_seam = lunes(apex=APEX)
+    assert not any(piece.holes for piece in on_seam.pieces)
+    assert all("bust point" in {notch.name for notch in piece.notches} for piece in on_seam.pieces)
+    assert all({"centre front", "side seam"} <= {c.words for c in piece.captions} for piece in made.pieces)
 
 
 def test_pair_is_drawn_as_mirror_images():
@@ -347,6 +434,10 @@ def test_areas_and_lengths_of_the_finished_pieces():
         ({"allowance": {"wire": 6.0}}, "pattern.allowance.ridge=None"),
         ({"ease": {"width": -80.0, "height": 0.0}}, "pattern.ease.width"),
         ({"quantity": 0}, "pattern.quantity=0"),
+        ({"notch_form": "u"}, "pattern.notch_form=u: must be one of slit, v, t"),
+        ({"notch_width": -1.0}, "pattern.notch_width=-1"),
+        ({"wire": {"casing": 0.0, "play": -2.0, "spring": 0.0}}, "pattern.wire.play=-2"),
+        ({"wire": {"casing": 0.0, "play": 0.0}}, "pattern.wire.spring=None"),
     ],
 )
 def test_wrong_options_are_refused(options, words):

@@ -7,12 +7,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from patterns import pattern, program
+from check_pages import page_figures
+from patterns import pattern, program, small
 
+from brafit.pattern.drawing import PENS
 from brafit.pattern.options import PAPERS
-from brafit.pattern.pdf import MARGIN, OVERLAP, tile, write_pdf_sheet, write_pdf_tiles
-from brafit.pattern.piece import layout_columns
-from brafit.pattern.svg import STROKES
+from brafit.pattern.pages import MARGIN, OVERLAP, Tiled, Whole, arrange
+from brafit.pattern.pdf import write_pdf_projector, write_pdf_sheet, write_pdf_tiles
+from brafit.pattern.sheet import named_pieces
+from brafit.pattern.svg import write_svg
 
 POINT = 25.4 / 72
 
@@ -78,22 +81,47 @@ def test_edge_lengths_as_another_reader_finds_them(tmp_path):
             found.setdefault(elements.Color(colour[1]).hex, []).append(curve.length(error=1e-6) * POINT)
     for kind in ("wire", "ridge", "upper"):
         wanted = [line.length for piece in made.pieces for line in piece.sew if line.kind == kind]
-        np.testing.assert_allclose(sorted(found[STROKES[kind]["stroke"]]), sorted(wanted), atol=0.1)
+        np.testing.assert_allclose(sorted(found[PENS[kind].colour]), sorted(wanted), atol=0.1)
 
 
-def test_tiles_cover_the_pieces_and_overlap():
-    """Every point of every cut line is on some page, and neighbours share the strip that they are glued by."""
-    made = pattern(pair=True, paper="letter")
-    sheet = layout_columns(made.drawn, 10.0)
-    tiling = tile(sheet, "letter")
+@pytest.mark.parametrize("paper", ["a4", "letter"])
+def test_pieces_that_fit_are_whole_on_their_pages(tmp_path, paper):
+    """As poppler reads the file: none of the cut lines is cut by a page's border."""
+    pytest.importorskip("svgelements", reason="the SVG reader svgelements is not installed")
+    made = small(pair=True, paper=paper)
+    write_pdf_tiles(tmp_path / "patterns.pdf", [made], "lune")
+    write_pdf_sheet(tmp_path / "patterns_sheet.pdf", [made], "lune")
+    write_svg(tmp_path / "patterns.svg", [made], "lune")
+    assert set(page_figures(tmp_path).values()) == {0}
+    for part in arrange(named_pieces([made]), paper):
+        assert isinstance(part, Whole)
+        corners = np.concatenate([np.stack(piece.bounds) for piece, *_ in part.pieces])
+        assert (corners > MARGIN - 1e-6).all()
+        assert (corners < np.array((part.width, part.height)) - MARGIN + 1e-6).all()
+    write_pdf_tiles(tmp_path / "patterns.pdf", [pattern()], "lune")  # what is not there is found missing
+    assert page_figures(tmp_path)["pages: pieces that fit on a page but are cut"] > 0
+
+
+def test_a_piece_just_too_long_is_turned():
+    lying = small(1, scale=1.24)
+    (whole,) = arrange(named_pieces([lying]), "a4")
+    assert isinstance(whole, Whole)
+    piece, *_ = whole.pieces[0]
+    assert np.ptp(lying.pieces[0].bounds, axis=0)[0] > 277
+    assert np.ptp(piece.bounds, axis=0)[0] < 277
+
+
+def test_tiles_cover_a_large_piece_and_overlap():
+    """Every point of its cut line is on some page, and neighbours share the strip that they are glued by."""
+    (part, *_) = arrange(named_pieces([small(1, 1.8, paper="letter")]), "letter")
+    assert isinstance(part, Tiled)
+    tiling = part.tiling
     seen = np.array((tiling.width, tiling.height)) - 2 * MARGIN
-    for piece in sheet.pieces:
-        for point in piece.cut_outline():
-            corners = [np.array((t.x, t.y)) for t in tiling.tiles]
-            shown = [low for low in corners if (point >= low).all() and (point <= low + seen).all()]
-            assert shown
+    for point in part.sheet.pieces[0].cut_outline():
+        corners = [np.array((t.x, t.y)) for t in tiling.tiles]
+        assert [low for low in corners if (point >= low).all() and (point <= low + seen).all()]
     names = [t.name for t in tiling.tiles]
-    assert len(set(names)) == len(names)
+    assert len(set(names)) == len(names) >= 2
     for a in tiling.tiles:
         for b in tiling.tiles:
             if (b.row, b.column) == (a.row, a.column + 1):
@@ -104,10 +132,12 @@ def test_tiles_cover_the_pieces_and_overlap():
 
 def test_same_place_on_two_neighbouring_pages(tmp_path):
     """What lies in the overlap of two pages is drawn on both, at the places where gluing brings them together."""
-    made = pattern(3, pair=True, paper="letter")
+    made = small(1, 1.8, paper="letter")
     write_pdf_tiles(tmp_path / "p.pdf", [made], "lune")
     shown = pages(tmp_path / "p.pdf", dpi=127)[1:]  # 5 px a mm
-    tiling = tile(layout_columns(made.drawn, 10.0), "letter")
+    (part,) = arrange(named_pieces([made]), "letter")
+    assert isinstance(part, Tiled)
+    tiling = part.tiling
     assert len(shown) == len(tiling.tiles)
     by_place = {(t.row, t.column): page for t, page in zip(tiling.tiles, shown, strict=True)}
     compared = 0
@@ -127,6 +157,29 @@ def test_same_place_on_two_neighbouring_pages(tmp_path):
                 assert np.mean(near[first[:, 1:width]]) > 0.9
                 compared += 1
     assert compared >= 1
+
+
+def test_each_kind_of_line_and_each_size_is_a_layer(tmp_path):
+    """As poppler lists a file's optional content, and as it draws a page without one of them."""
+    made = [pattern(name="one", size="75B"), pattern(name="two", size="80C")]
+    write_pdf_sheet(tmp_path / "p.pdf", made, "nest")
+    raw = (tmp_path / "p.pdf").read_bytes()
+    names = re.findall(rb"/Name \(([^)]*)\) /Type /OCG", raw)
+    wanted = {f"{size} {kind}" for size in ("75B", "80C") for kind in ("cut", "sew", "notch", "grain", "drill", "text")}
+    assert {name.decode() for name in names} == wanted | {"info"}
+    hidden = raw.replace(b"/D <<\n/ON", b"/D <<\n/OFF")
+    assert hidden != raw
+    (tmp_path / "hidden.pdf").write_bytes(hidden)  # one byte longer: readers rebuild the table of objects
+    assert pages(tmp_path / "p.pdf", dpi=72)[0].sum() > 1000
+    assert pages(tmp_path / "hidden.pdf", dpi=72)[0].sum() == 0
+
+
+def test_projector_page_is_the_sheet_with_wider_lines(tmp_path):
+    write_pdf_sheet(tmp_path / "sheet.pdf", [pattern()], "lune")
+    write_pdf_projector(tmp_path / "wide.pdf", [pattern()], "lune")
+    (sheet,), (wide,) = (pages(tmp_path / name) for name in ("sheet.pdf", "wide.pdf"))
+    assert sheet.shape == wide.shape
+    assert wide.sum() > 1.5 * sheet.sum()
 
 
 @pytest.mark.parametrize("name", ["anny_05", "", "Größe 胸 \U0001f600", "a\nb\x07", "x" * 300])

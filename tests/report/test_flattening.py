@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from check_patterns import angle_defect, edge_strain, flattened, misfit
+from check_cup import angle_defect, edge_strain, flattened, misfit
 from lunes import lune_area, lune_cup, lune_flat
 
 from brafit.pattern import Side, pieces_from_panels

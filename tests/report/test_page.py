@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from check_patterns import MissingReaderError, chromium, shown_title, with_title
+from check_patterns import chromium, shown_title, with_title
 from lunes import RADIUS, lune_cup, lune_flat, sphere_points
+from readers import MissingReaderError
 
 from brafit.fitting import CupFit, ResultCode, Target
 from brafit.landmarks import CupFrame

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from brafit.geometry.rotation import rotation_exp
-from brafit.underwires.nearest import chosen_wire, nearest_wire
+from brafit.underwires.nearest import chosen_wire, nearest_wire, wanted_wire
 from brafit.underwires.sizes import CATALOGUE, WireSize
 
 TURN = rotation_exp(torch.tensor([0.3, -1.1, 0.6], dtype=torch.float64)).numpy()
@@ -54,3 +54,17 @@ def test_no_other_wire_is_nearer():
     near = nearest_wire(line)
     assert near.wire.name == min(apart, key=lambda name: apart[name])
     assert near.length**2 + near.span**2 == pytest.approx(apart[near.wire.name])
+
+
+def test_wire_with_play_and_spring_is_shorter_and_narrower():
+    """On a half circle: the chord between the wire's ends, less what it is opened by."""
+    angle = np.linspace(0, np.pi, 20001)
+    line = 80 * np.stack((np.sin(angle), -np.cos(angle), 0 * angle), -1)
+    length, span = wanted_wire(line, play=6.0, spring=10.0)
+    assert length == pytest.approx(80 * np.pi - 12, abs=1e-3)
+    assert span == pytest.approx(160 * np.cos(6 / 80) - 10, abs=1e-3)
+    assert wanted_wire(line) == pytest.approx((80 * np.pi, 160), abs=1e-3)
+    plain, sprung = nearest_wire(line), nearest_wire(line, play=6.0, spring=10.0)
+    assert sprung.wire.span < plain.wire.span
+    assert sprung.wire.length - sprung.length == pytest.approx(length)
+    assert sprung.wire.span - sprung.span == pytest.approx(span)

@@ -1,0 +1,206 @@
+"""Captions: names beside the marks and ends of a piece, where they collide with nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from numpy import ndarray
+from shapely import Polygon
+
+from brafit.pattern.curve import Curve
+from brafit.pattern.label import LEVEL, Caption, Sight, box_corners, polygons, text_width
+
+INNER, OUTER = "centre front", "side seam"
+"""What the cup's inner and outer ends are called."""
+_CAPTIONS = (2.8, 2.4, 2.0)
+"""Heights of letters in mm that captions are tried in."""
+
+
+def place_captions(
+    sight: Sight,
+    edges: Sequence[Curve],
+    marks: Sequence[tuple[str, Float[ndarray, "2"], Float[ndarray, "2"]]],
+    holes: Sequence[tuple[str, Float[ndarray, "2"]]],
+    grain: tuple[str, Float[ndarray, "2 2"]],
+) -> tuple[Caption, ...]:
+    """Captions of marks inside a piece, of its grain line, of its two ends, and of marks on the sewing lines.
+
+    Args:
+        sight: where there is room; takes what is placed.
+        edges: the sewing lines, the first from the inner to the outer end.
+        marks: name, foot on a sewing line, and unit vector from there into the piece.
+        holes: name and place.
+        grain: name and ends of the grain line.
+    """
+    captions = [_first(sight, name, _around(point), point) for name, point in holes]
+    if np.linalg.norm(grain[1][1] - grain[1][0]) > 0:
+        captions.append(_first(sight, grain[0], _along_line(grain[1]), grain[1].mean(0)))
+    lower, upper = edges[0], edges[-1].reversed()
+    for name, a, b in ((INNER, lower, upper), (OUTER, lower.reversed(), upper.reversed())):
+        tip, away = a.start, (_along(a, np.array([12.0])) + _along(b, np.array([12.0])))[0] - 2 * a.start
+        outward = -away / max(float(np.linalg.norm(away)), 1e-9)
+        captions.append(_first(sight, name, _from_tip(tip, a, b, outward, sight), tip))
+    for name, foot, inward in marks:
+        captions.append(_first(sight, name, _beside(foot, inward), foot))
+    return tuple(captions)
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Where a text may stand, the best first: middles and directions.
+
+    `within`: the polygon that it has to lie in there, None: the piece with its allowance; `led`: whether a line leads
+    to what it names.
+    """
+
+    at: Float[ndarray, "n 2"]
+    along: Float[ndarray, "n 2"]
+    within: Polygon | None = None
+    led: bool = False
+
+
+def _first(sight: Sight, words: str, places: Callable[[str, float], Sequence[_Places]], foot: ndarray) -> Caption:
+    """The caption at the first place that is free beside what it names, else near it with a leader, else anywhere on
+    the piece."""
+    tries = [(size, group) for size in _CAPTIONS for group in places(words, size)]
+    near = sorted(tries, key=lambda entry: entry[1].led)
+    for size, group in chain(near, ((size, _anywhere(foot, sight)) for size in _CAPTIONS)):
+        along = np.where(group.along[:, :1] >= -1e-9, 1.0, -1.0) * group.along
+        boxes = polygons(box_corners(group.at, along, text_width(words, size), size))
+        free = sight.free(boxes) & shapely.contains(sight.cut if group.within is None else group.within, boxes)
+        if group.led:
+            free &= sight.passable(group.at, foot)
+        if free.any():
+            k = int(free.argmax())
+            caption = Caption(words, group.at[k], along[k], size)
+            sight.take(boxes[k].buffer(0.4))
+            return _led(caption, foot) if group.led else caption
+    return _outside(sight, words, foot)
+
+
+def _outside(sight: Sight, words: str, foot: ndarray) -> Caption:
+    """Above or below a piece that has no room, with a leader."""
+    size = _CAPTIONS[-1]
+    low, high = sight.cut.bounds[1], sight.cut.bounds[3]
+    below = foot[1] < (low + high) / 2
+    step = np.array((0.0, -2.0 * size if below else 2.0 * size))
+    caption = Caption(words, np.array((foot[0], low if below else high)) + step, LEVEL, size)
+    while sight.taken(Polygon(caption.corners)):
+        caption = replace(caption, at=caption.at + step)
+    sight.take(Polygon(caption.corners).buffer(0.4))
+    return _led(caption, foot)
+
+
+def _led(caption: Caption, foot: ndarray) -> Caption:
+    """With a line from the nearest point of its box to what it names."""
+    corners = caption.corners
+    near = min((*corners, *((corners + np.roll(corners, 1, 0)) / 2)), key=lambda c: float(np.linalg.norm(c - foot)))
+    return replace(caption, leader=np.stack((near, foot)))
+
+
+def _anywhere(foot: ndarray, sight: Sight) -> _Places:
+    """A grid over the piece, the nearest places first."""
+    low, high = np.array(sight.cut.bounds[:2]), np.array(sight.cut.bounds[2:])
+    grid = np.stack(np.meshgrid(*(np.arange(a, b, 2.5) for a, b in zip(low, high, strict=True))), axis=-1).reshape(
+        -1, 2
+    )
+    grid = grid[np.argsort(np.linalg.norm(grid - foot, axis=1))][:1500]
+    return _Places(grid, np.broadcast_to(LEVEL, grid.shape), led=True)
+
+
+def _around(point: ndarray) -> Callable[[str, float], Sequence[_Places]]:
+    """Places beside, above and below a mark, level."""
+
+    def places(words: str, size: float) -> Sequence[_Places]:
+        width = text_width(words, size)
+        spots = []
+        for gap in (4.0, 5.5, 8.0):
+            aside, up = gap + width / 2, gap + size / 2
+            spots += [
+                (aside, 0),
+                (-aside, 0),
+                (0, -up),
+                (0, up),
+                (aside, up),
+                (aside, -up),
+                (-aside, up),
+                (-aside, -up),
+            ]
+        return [_Places(point + np.array(spots), np.broadcast_to(LEVEL, (len(spots), 2)))]
+
+    return places
+
+
+def _along_line(ends: Float[ndarray, "2 2"]) -> Callable[[str, float], Sequence[_Places]]:
+    """Places along a line on either side of it, the middle first."""
+    step = ends[1] - ends[0]
+    along = step / np.linalg.norm(step)
+    across = np.array((-along[1], along[0]))
+    shares = np.array((0.5, 0.35, 0.65, 0.2, 0.8, 0.1, 0.9))
+
+    def places(words: str, size: float) -> Sequence[_Places]:
+        gap = size / 2 + 2.0
+        at = np.concatenate([ends[0] + shares[:, None] * step + way * gap * across for way in (1, -1)])
+        return [_Places(at, np.broadcast_to(along, at.shape))]
+
+    return places
+
+
+def _beside(foot: ndarray, inward: ndarray) -> Callable[[str, float], Sequence[_Places]]:
+    """Places inside a sewing line, the nearest first: level, then along the line."""
+    edge = np.array((-inward[1], inward[0]))
+    along = np.stack((LEVEL, edge))
+    across = np.stack((-along[:, 1], along[:, 0]), axis=-1)
+
+    def group(words: str, size: float, distances: tuple[float, ...], led: bool) -> _Places:
+        shifts = (0.0, 3.0, -3.0, 6.0, -6.0, 10.0, -10.0)
+        distance, way, shift = (v.ravel() for v in np.meshgrid(distances, (0, 1), shifts, indexing="ij"))
+        half = (np.abs(along @ inward) * text_width(words, size) + np.abs(across @ inward) * size) / 2
+        at = foot + (distance + np.sign(distance) * half[way])[:, None] * inward + shift[:, None] * edge
+        return _Places(at, along[way], led=led)
+
+    def places(words: str, size: float) -> Sequence[_Places]:
+        beyond = group(words, size, (-1.0, -2.0), False)
+        return [
+            group(words, size, (1.0, 2.0, 3.5), False),
+            beyond,
+            group(words, size, (5.0, 7.0, 9.0, 12.0), True),
+        ]
+
+    return places
+
+
+def _from_tip(
+    tip: ndarray, a: Curve, b: Curve, outward: ndarray, sight: Sight
+) -> Callable[[str, float], Sequence[_Places]]:
+    """Places between two edges, from their common end on; last in the allowance beyond it.
+
+    A sharp tip is narrow: there the text follows its middle line.
+    """
+    reach = np.arange(2.0, 0.45 * min(a.length, b.length, 150.0), 1.5)
+    middles = (_along(a, reach) + _along(b, reach)) / 2
+    k = np.arange(len(middles))
+    beyond = middles[np.minimum(k + 3, len(k) - 1)] - middles[np.maximum(k - 3, 0)]
+    follow = beyond / np.maximum(np.linalg.norm(beyond, axis=1, keepdims=True), 1e-9)
+    near = (k < len(k) - 2) & (np.linalg.norm(middles - tip, axis=1) < 45)
+    directions = np.stack((np.broadcast_to((1.0, 0.0), follow.shape), follow), axis=1)[near]
+    across = np.array((-outward[1], outward[0]))
+
+    def places(words: str, size: float) -> Sequence[_Places]:
+        between = _Places(np.repeat(middles[near], 2, axis=0), directions.reshape(-1, 2), sight.inside)
+        out = tip + (size / 2 + np.array((1.2, 2.0, 3.0)))[:, None] * outward
+        return [between, _Places(out, np.broadcast_to(across, out.shape))]
+
+    return places
+
+
+def _along(curve: Curve, distances: Float[ndarray, " n"]) -> Float[ndarray, "n 2"]:
+    """About the points at arc lengths from a curve's start."""
+    points = curve.polyline(0.05)
+    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    return np.stack([np.interp(distances, lengths, points[:, i]) for i in range(2)], axis=-1)

@@ -1,0 +1,186 @@
+"""Everything about the pieces on a page: the sheet that shows all of them, legend, control square, title, warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from brafit.pattern.drawing import (
+    BLACK,
+    INFO,
+    RED,
+    SEWING,
+    Item,
+    Page,
+    Stroke,
+    Words,
+    arrow,
+    drawn,
+    hole_mark,
+    line_of,
+    notch_mark,
+    shifted,
+)
+from brafit.pattern.finish import CutPiece, Pattern, warnings_of
+from brafit.pattern.grain import grain_name
+from brafit.pattern.label import text_width
+from brafit.pattern.marks import BUST_POINT, MATCH_POINT
+from brafit.pattern.notch import Notch
+from brafit.pattern.options import PatternOptions
+from brafit.pattern.piece import Hole, layout_columns
+
+MARGIN, GAP, CONTROL = 12.0, 10.0, 100.0
+"""Free border of a sheet, distance of pieces, side of the control square; mm."""
+ROOM = 96.0
+"""Width that the legend needs, mm."""
+_ROW, _TEXT = 5.6, 3.4
+_UNITS = {"mm": "units: mm, true size (1:1)", "inch": "lengths in inches, true size (1:1)"}
+
+
+def named_pieces(patterns: Sequence[Pattern]) -> list[tuple[CutPiece, str, str]]:
+    """All pieces that files show, each with a name of its own and with its size where there are several."""
+    several = len({pattern.name for pattern in patterns}) > 1
+    sides = several or any(pattern.options.pair for pattern in patterns)
+    found = []
+    for pattern in patterns:
+        for piece in (piece for column in pattern.drawn for piece in column):
+            name = " ".join(words for words in (pattern.name, f"{piece.side} cup", piece.name) if words)
+            found.append((piece, name if sides else piece.name, pattern.size if several else ""))
+    return found
+
+
+def sheet_page(patterns: Sequence[Pattern], title: str, note: str = "") -> Page:
+    """All pieces side by side on one page as large as they need."""
+    sheet = layout_columns([column for pattern in patterns for column in pattern.drawn], GAP)
+    warnings = warnings_of(patterns)
+    head = 12.0 + 6.0 * bool(note)
+    inner = max(sheet.width, CONTROL + GAP + ROOM)
+    below, legend_height = legend(patterns, np.zeros(2))
+    foot = max(CONTROL, legend_height + 5.5 * len(warnings) + 4.0)
+    width, height = inner + 2 * MARGIN, head + sheet.height + GAP + foot + 2 * MARGIN
+    corner = np.array(((width - sheet.width) / 2, MARGIN + foot + GAP))
+    items: list[Item] = []
+    for piece, (_, name, series) in zip(sheet.pieces, named_pieces(patterns), strict=True):
+        placed = piece.map(lambda points: points + corner)
+        items += drawn(placed, name, series)
+    items += heading(title, note, MARGIN, height - MARGIN, inner)
+    top = MARGIN + foot
+    items += control_square(MARGIN, top - CONTROL, patterns[0].options)
+    left = MARGIN + CONTROL + GAP
+    items += shifted(below, (left, top))
+    items += warning_lines(warnings, left, top - legend_height - 3.0, inner - CONTROL - GAP)
+    return Page(width, height, tuple(items))
+
+
+def heading(title: str, note: str, x: float, top: float, room: float) -> list[Item]:
+    """Title and a second line below a page's upper border."""
+    items = [text(one_line(title), x, top - 4, 6.0, room=room, bold=True, name="title")]
+    return items + [text(one_line(note), x, top - 10.7, 3.6, room=room, name="note")] * bool(note)
+
+
+def warning_lines(warnings: Sequence[str], x: float, top: float, room: float) -> list[Item]:
+    """A line for each warning."""
+    return [
+        text(f"WARNING: {words}", x, top - 5.5 * row, _TEXT, room=room, bold=True, colour=RED)
+        for row, words in enumerate(warnings)
+    ]
+
+
+def text(
+    words: str,
+    x: float,
+    y: float,
+    size: float,
+    *,
+    room: float | None = None,
+    bold: bool = False,
+    colour: str = BLACK,
+    centred: bool = False,
+    name: str = "",
+) -> Item:
+    """A line of text half way up at y, its letters `size` mm high; smaller where it would be longer than `room`."""
+    if room is not None:
+        size = min(size, room / max(text_width(words, 1.0, bold=bold), 0.1))
+    return Words(words, np.array((x, y), float), size, bold=bold, colour=colour, centred=centred, layer=INFO, name=name)
+
+
+def one_line(words: str) -> str:
+    """Text without line breaks."""
+    return " ".join(words.split())
+
+
+def control_square(x: float, y: float, options: PatternOptions) -> list[Item]:
+    """A square of 100 mm and, for users of inches, one of an inch in it."""
+    middle = x + CONTROL / 2
+    items = [_square(x, y, CONTROL)]
+    items += [text("control square 100 mm x 100 mm", middle, y + CONTROL / 2 + 3, 4.0, centred=True)]
+    items += [text("measure it on the print before cutting", middle, y + CONTROL / 2 - 3, 3.2, centred=True)]
+    if options.units == "inch":
+        items += [_square(x + 5, y + 5, 25.4), text("1 in x 1 in", x + 5 + 12.7, y + 16.5, 3.2, centred=True)]
+    return [replace(item, group="control-square") for item in items]
+
+
+def _square(x: float, y: float, side: float) -> Item:
+    corners = np.array((x, y)) + side * np.array(((0, 0), (1, 0), (1, 1), (0, 1), (0, 0)))
+    return Stroke(INFO, "frame", "square", (line_of(corners),), closed=True)
+
+
+def legend(patterns: Sequence[Pattern], at: Float[ndarray, "2"], room: float = ROOM) -> tuple[list[Item], float]:
+    """What lines and marks mean, from `at` to the right and down; and its height."""
+    pieces = [piece for pattern in patterns for column in pattern.drawn for piece in column]
+    options = patterns[0].options
+    items: list[Item] = [text(_UNITS[options.units], 0, -2, _TEXT, bold=True, room=room)]
+    y = -9.0
+    for sample, words in _rows(pieces, options):
+        items += [sample(y), text(words, 22, y, _TEXT, room=room - 22)]
+        y -= _ROW
+    count = f"{len(pieces)} piece{'s' * (len(pieces) > 1)}"
+    for words in ("right side of the cloth up", count):
+        items.append(text(words, 0, y, _TEXT, room=room))
+        y -= _ROW
+    return shifted((replace(item, layer=INFO, group="legend") for item in items), at), -y - _ROW / 2
+
+
+def _rows(pieces: Sequence[CutPiece], options: PatternOptions) -> list[tuple[Callable[[float], Item], str]]:
+    """A sample of each line and mark that is there, and what it means."""
+    kinds = {line.kind for piece in pieces for line in piece.sew}
+    notches = [notch for piece in pieces for notch in piece.notches]
+    names = {notch.name for notch in notches}
+    rows = [(_key("cut", "key cut"), "cut line")]
+    rows += [(_key(kind, f"key {kind}"), f"sewing line: {words}") for kind, words in SEWING.items() if kind in kinds]
+    if any(piece.holes for piece in pieces):
+        rows.append((lambda y: hole_mark(Hole("", np.array((10.0, y)))), f"{BUST_POINT}: drill hole"))
+    for name, words in (
+        (BUST_POINT, f"{BUST_POINT}, on the seam"),
+        (MATCH_POINT, f"{MATCH_POINT}: tip of the cup"),
+        ("strap point", "strap point"),
+        ("wire end", "wire end: the channel goes on"),
+    ):
+        if name in names:
+            rows.append((_notch_key(options, 1), words))
+    if any(not notch.name and len(notch.ticks) == 1 for notch in notches):
+        rows.append((_notch_key(options, 1), "notch, nearer the centre front"))
+    if any(len(notch.ticks) == 2 for notch in notches):
+        rows.append((_notch_key(options, 2), "double notch, nearer the side seam"))
+    words = "direction of greatest stretch" if options.stretch else grain_name(options)
+    rows.append((lambda y: arrow(np.array(((0.0, y), (18.0, y))), INFO), words))
+    return rows
+
+
+def _key(pen: str, role: str) -> Callable[[float], Item]:
+    return lambda y: Stroke(INFO, pen, role, (line_of(((0.0, y), (18.0, y))),))
+
+
+def _notch_key(options: PatternOptions, count: int) -> Callable[[float], Item]:
+    def sample(y: float) -> Item:
+        width = 0.0 if options.notch_form == "slit" else options.notch_width
+        apart = (width + 3.0) / 2 if count > 1 else 0.0
+        roots = np.array([(10.0 + x, y + 1.5) for x in ({-apart, apart})])
+        ticks = np.stack((roots, roots - (0.0, min(options.notch_depth, 3.0))), axis=1)
+        return notch_mark(Notch("", "", 0.0, ticks, roots[0], options.notch_form, min(width, 5.0)))
+
+    return sample
