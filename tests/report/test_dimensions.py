@@ -42,7 +42,7 @@ def test_deviation_is_that_of_the_alternatives(panels):
     assert set(found) == set(own)
     for key, value in own.items():
         wanted = np.sqrt(sum((other[key] - value) ** 2 for other in apart))
-        assert found[key] == pytest.approx(wanted, abs=0.002), key
+        assert found[key] == pytest.approx(wanted, abs=0.005), key
 
 
 def test_dimensions_have_the_order_and_units_of_the_pieces():
