@@ -45,11 +45,11 @@ def dxf_lengths(folder: Path) -> list[float]:
     return [chords([v.dxf.location for v in line.vertices]) for line in lines]
 
 
-def pdf_lengths(folder: Path) -> list[float]:
+def pdf_lengths(folder: Path, file: str = "patterns_sheet.pdf") -> list[float]:
     """Of every path of the large sheet, by poppler."""
     pytest.importorskip("svgelements", reason="the SVG reader svgelements is not installed")
     program("pdftocairo")
-    return [curve.length(error=1e-6) * POINT for curve in pdf_paths(folder / "patterns_sheet.pdf")]
+    return [curve.length(error=1e-6) * POINT for curve in pdf_paths(folder / file)]
 
 
 def hpgl_lengths(folder: Path) -> list[float]:
@@ -67,6 +67,7 @@ READERS: dict[str, Callable[[Path], list[float]]] = {
     "svg": svg_lengths,
     "dxf": dxf_lengths,
     "pdf": pdf_lengths,
+    "projector": lambda folder: pdf_lengths(folder, "patterns_projector.pdf"),
     "hpgl": hpgl_lengths,
 }
 WITHIN = 0.01
