@@ -20,6 +20,7 @@ LAYERS = (
     ("scan", "report"),
     ("result",),
     ("run",),
+    ("marking",),
     ("api", "cli"),
     ("__init__", "__main__"),
 )

@@ -55,8 +55,8 @@ PLAIN_ORDER = 5.0
 STEP_ORDER = 3.0
 """From about this order on terms change a cup ever more."""
 JUMP_COUNT = 0.25
-"""How much the jump at the upper edge's corner counts in `Cup.plain`, times the number of panels, over whose square what
-is plain counts: alike with any number. Free, the jump would wander with the corner's place."""
+"""How much the jump at the upper edge's corner counts in `Cup.plain`, times the number of panels. What is plain counts
+over the square of that number: so the jump counts alike with any. Free, it would wander with the corner's place."""
 BUMP_SECOND = -8 / LENGTH**2
 """Second derivative of 1 - x^2 by s."""
 CORNER_TERMS = 6

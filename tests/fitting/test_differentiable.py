@@ -121,7 +121,7 @@ class Batch:
         return along(self.rows, 2 * PLACES.index(place), directions)
 
     def by_share(self, name: str) -> Tensor:
-        number = len(self.places) + list(WEIGHTS).index(name)
+        number = len(self.places) + list(self.shares).index(name)
         return torch.stack([row[number] for row in self.rows], dim=1)
 
 
