@@ -94,7 +94,7 @@ def test_the_command_takes_all_that_the_examples_add(told, work):
 
 def test_the_fit_differs_from_one_without_them(told):
     plain = brafit.fit(sample_paths()[0], settings=["pattern.report=false"])
-    assert abs(told["upper_edge_mm"] - plain.row()["upper_edge_mm"]) > 0.01
+    assert abs(told["upper_edge_mm"] - plain.row()["upper_edge_mm"]) > 1e-3
 
 
 def test_python_gives_the_same_numbers(told, work, monkeypatch, tmp_path):
