@@ -126,7 +126,7 @@ class LM:
             running, grid = live, objective
             for _ in range(LOOKS + 1 if last else 1):
                 part, place[running] = staged(grid.select(running), place[running], stage)
-                pressure = Pressure(stage.penalty, multipliers, barrier, neckline, penalty).select(running)
+                pressure = Pressure(stage.penalty, multipliers, barrier, neckline, 1.0, penalty).select(running)
                 tell = partial(_tell, callback, f"{number + 1} lm", done, total)
                 ending = minimise(part, place[running], pressure, stage, tell)
                 place[running], value[running] = ending.place, ending.value

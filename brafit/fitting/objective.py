@@ -35,6 +35,11 @@ FAIRNESS = 4e-6
 PLAINNESS = 7e-3
 """Weight of what sets a cup apart from the plain one (`Cup.plain`) at `Conditions.fairness` 1, over the square of the
 number of panels: the fewer panels, the less close the cup, and the less data say about it."""
+SEAMS = ("closest", "apex")
+SEAM = 10.0
+"""Least weight of the squared distance of the apex from the nearest ridge, where a ridge is to run through it."""
+SEAM_LIMIT = 1.0
+"""Largest such distance, mm."""
 RIM_SPACINGS = 2.5
 """Spacings of the cloud's points within which the upper edge is on the cloud."""
 _RESPONSE = 1.5
@@ -59,8 +64,10 @@ class Conditions:
         rim: weight of the mean squared distance by which the upper edge leaves the cloud, where no neckline is given.
         connection: k1 of the fuzzy condition (42) that draws the upper edge to the strap point.
         connection_width: 1 / sqrt(k2), mm: within it the condition is nearly free, beyond it steep.
-        ridge_apex: k1 of the same condition that draws the ridge to the apex; 0 leaves the ridge free.
-        ridge_apex_width: its width, mm.
+        seam: where the ridge nearest to the apex runs: where the cup is closest to the points (`closest`), or through
+            the apex (`apex`).
+        ridge_apex: weight of the squared distance of the apex from the nearest ridge; 0 leaves the ridges free. With
+            `seam` apex it is at least SEAM, and raised for a scan until that distance is within SEAM_LIMIT.
         margin: the regularity margin that the barrier keeps.
         margin_width: how far above it the barrier begins.
         barrier: weight of the barrier.
@@ -80,8 +87,8 @@ class Conditions:
     rim: float = 0.1
     connection: float = 0.002
     connection_width: float = 20.0
+    seam: str = "closest"
     ridge_apex: float = 0.0
-    ridge_apex_width: float = 10.0
     margin: float = 0.3
     margin_width: float = 0.03
     barrier: float = 1.0
@@ -91,9 +98,16 @@ class Conditions:
     def __post_init__(self) -> None:
         point_loss(self.points, 1.0)
         object.__setattr__(self, "extra", checked_conditions(self.extra, WEIGHTS))
-        for name in ("points_width", "neckline_limit", "connection_width", "ridge_apex_width", "margin_width"):
+        for name in ("points_width", "neckline_limit", "connection_width", "margin_width"):
             if getattr(self, name) is not None and not getattr(self, name) > 0:
                 raise ValueError(f"condition.{name} must be positive, got {getattr(self, name)}")
+        if self.seam not in SEAMS:
+            raise ValueError(f"unknown seam {self.seam!r}: allowed are {', '.join(SEAMS)}")
+
+    @property
+    def ridge_pull(self) -> float:
+        """Weight of the squared distance of the apex from the nearest ridge, before it is raised."""
+        return max(self.ridge_apex, SEAM) if self.seam == "apex" else self.ridge_apex
 
 
 def weight_names(conditions: Conditions) -> tuple[str, ...]:
@@ -114,12 +128,14 @@ class Pressure:
     multipliers: dict[str, Tensor] = field(default_factory=dict)
     barrier: Float[Tensor, "batch 1"] | float = 1.0
     neckline: Float[Tensor, "batch 1"] | float = 1.0
+    seam: Float[Tensor, "batch 1"] | float = 1.0
     final: float | None = None
 
     def select(self, index: Tensor) -> "Pressure":
-        barrier, neckline = (f[index] if isinstance(f, Tensor) else f for f in (self.barrier, self.neckline))
+        own = (self.barrier, self.neckline, self.seam)
+        barrier, neckline, seam = (f[index] if isinstance(f, Tensor) else f for f in own)
         multipliers = {k: v[index] for k, v in self.multipliers.items()}
-        return Pressure(self.penalty, multipliers, barrier, neckline, self.final)
+        return Pressure(self.penalty, multipliers, barrier, neckline, seam, self.final)
 
 
 @dataclass(frozen=True)
@@ -340,10 +356,9 @@ class Objective:
             loss = partial(fuzzy, strength=c.connection, sharpness=(unit / c.connection_width) ** 2)
             corner = self.cup.corner_gap(flat, shape, targets.connection)
             blocks.append(pull("connection", "connection", corner or wanted.part(slice(-1, None)), has_strap, loss))
-        if c.ridge_apex > 0 and self.cup.panels > 1:
-            loss = partial(fuzzy, strength=c.ridge_apex, sharpness=(unit / c.ridge_apex_width) ** 2)
-            has = targets.has_apex[:, None].to(targets.points)
-            blocks.append(pull("ridge at apex", "ridge_apex", self._ridge_gap(shape), has, loss))
+        if c.ridge_pull > 0 and self.cup.panels > 1:
+            weight = c.ridge_pull * pressure.seam * targets.has_apex[:, None].to(targets.points)
+            blocks.append(pull("ridge at apex", "ridge_apex", self._ridge_gap(shape), weight))
         if c.extra:
             asked = Asked.of(self.cup, flat, targets)
             blocks += [asked.block(condition, shape) for condition in c.extra]

@@ -118,8 +118,8 @@ class ConditionConfig:
     rim: float = limited(0)
     connection: float = limited(0)
     connection_width: float = limited(0)
+    seam: str = one_of("closest", "apex")
     ridge_apex: float = limited(0)
-    ridge_apex_width: float = limited(0)
     margin: float = MISSING
     margin_width: float = limited(0)
     barrier: float = limited(0)
