@@ -13,6 +13,11 @@ def limited(least: float, most: float | None = None) -> Any:
     return field(default=MISSING, metadata={"least": least, "most": most})
 
 
+def limited_or(word: str, least: int, most: int) -> Any:
+    """A dataclass field whose value conf/ gives: a whole number in [least, most], or a word."""
+    return field(default=MISSING, metadata={"least": least, "most": most, "word": word})
+
+
 def one_of(*choices: str) -> Any:
     """A dataclass field whose value conf/ gives, and that must be one of these words."""
     return field(default=MISSING, metadata={"choices": choices})
@@ -24,7 +29,8 @@ class FramesConfig:
 
     _target_: str = MISSING
     _partial_: bool = True
-    panels: int = limited(1, 8)
+    panels: Any = limited_or("auto", 1, 8)
+    tolerance: float = limited(0)
     terms: int = limited(1, 40)
     stations: int = limited(9, 2001)
     basis: str = one_of("cosine", "fourier", "chebyshev")
@@ -36,7 +42,8 @@ class StripsConfig:
 
     _target_: str = MISSING
     _partial_: bool = True
-    panels: int = limited(1, 8)
+    panels: Any = limited_or("auto", 1, 8)
+    tolerance: float = limited(0)
     terms: int = limited(1, 40)
     stations: int = limited(9, 2001)
     nodes: int = limited(8, 1000)
@@ -92,6 +99,8 @@ class LMStageConfig:
     fairness: float = field(default=1.0, metadata={"least": 0})
     plainness: float = field(default=1.0, metadata={"least": 0})
     margin_width: float = field(default=0.0, metadata={"least": 0})
+    seam: float = field(default=1.0, metadata={"least": 0})
+    leading: bool = False
 
 
 @dataclass
