@@ -24,8 +24,8 @@ from brafit.fitting.measure import (
     Bend,
     figures_of,
     in_millimetres,
-    tight_bends,
     seam_to_apex,
+    tight_bends,
     upper_edge_gap,
     wire_places,
 )

@@ -1,5 +1,5 @@
-"""What a scan is fitted with where the settings leave a choice: the fewest panels that keep a tolerance; and what a seam
-through the bust point costs against the closest cup.
+"""What a scan is fitted with where the settings leave it open: the fewest panels that keep a tolerance. And what a seam
+through the bust point costs.
 """
 
 from __future__ import annotations
@@ -31,11 +31,8 @@ def chosen(recipe: Recipe, count: int, fit: Fitter) -> list[CupFit]:
         count: of the scans.
         fit: fits some of them.
     """
-    everyone = range(count)
-    if recipe.tolerance is None:
-        fits = fit(recipe, everyone, "")
-    else:
-        fits = _fewest(recipe, recipe.tolerance, count, fit)
+    given = recipe.tolerance is None
+    fits = fit(recipe, range(count), "") if given else _fewest(recipe, recipe.tolerance, count, fit)
     return _priced(recipe, fits, fit) if recipe.condition.seam == APEX else fits
 
 
@@ -75,7 +72,10 @@ def _taken(tried: Mapping[int, CupFit], tolerance: float) -> CupFit:
     warnings = taken.warnings
     if not kept:
         remedy = f"raise cup.tolerance ({tolerance:g} mm), or set cup.panels to more"
-        warnings = (*warnings, f"no cup of {FEWEST} to {MOST} panels keeps the tolerance, {panels} come closest; {remedy}")
+        warnings = (
+            *warnings,
+            f"no cup of {FEWEST} to {MOST} panels keeps the tolerance, {panels} come closest; {remedy}",
+        )
     return replace(
         taken,
         warnings=warnings,

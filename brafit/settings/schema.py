@@ -13,14 +13,13 @@ def limited(least: float, most: float | None = None) -> Any:
     return field(default=MISSING, metadata={"least": least, "most": most})
 
 
-def limited_or(word: str, least: int, most: int) -> Any:
-    """A dataclass field whose value conf/ gives: a whole number in [least, most], or a word."""
-    return field(default=MISSING, metadata={"least": least, "most": most, "word": word})
-
-
 def one_of(*choices: str) -> Any:
     """A dataclass field whose value conf/ gives, and that must be one of these words."""
     return field(default=MISSING, metadata={"choices": choices})
+
+
+PANELS = {"least": 1, "most": 8, "word": "auto"}
+"""Limits of `cup.panels`: a whole number, or that word."""
 
 
 @dataclass
@@ -29,11 +28,11 @@ class FramesConfig:
 
     _target_: str = MISSING
     _partial_: bool = True
-    panels: Any = limited_or("auto", 1, 8)
-    tolerance: float = limited(0)
+    panels: Any = field(default=MISSING, metadata=PANELS)
     terms: int = limited(1, 40)
     stations: int = limited(9, 2001)
     basis: str = one_of("cosine", "fourier", "chebyshev")
+    tolerance: float = limited(0)
 
 
 @dataclass
@@ -42,12 +41,12 @@ class StripsConfig:
 
     _target_: str = MISSING
     _partial_: bool = True
-    panels: Any = limited_or("auto", 1, 8)
-    tolerance: float = limited(0)
+    panels: Any = field(default=MISSING, metadata=PANELS)
     terms: int = limited(1, 40)
     stations: int = limited(9, 2001)
     nodes: int = limited(8, 1000)
     output_nodes: int = limited(8, 1000)
+    tolerance: float = limited(0)
 
 
 @dataclass
