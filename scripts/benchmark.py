@@ -105,7 +105,7 @@ def report_seam(targets: list[Target], starts: int = 8) -> None:
         objective.cup.load_flat(ends)
         cups = measured_cups(objective.cup, [target for target in targets for _ in range(starts)], 0)
         print(
-            f"\n{panels} panels: closest: RMS, seam to apex; through the apex: RMS, seam to apex, over the best of {starts}"
+            f"\n{panels} panels, closest: RMS, seam to apex; through it: RMS, seam to apex, over the best of {starts}"
         )
         shares = []
         for k, (other, fit) in enumerate(zip(closest, fits, strict=True)):
