@@ -160,8 +160,8 @@ class _Run:
     @staticmethod
     def of(start: Tensor, total: int, final: float) -> "_Run":
         no = torch.zeros(len(start), dtype=torch.bool, device=start.device)
-        raised = (torch.ones_like(start[:, :1]) for _ in range(3))
-        return _Run(start.clone(), no, no.clone(), no.long(), *raised, {}, total, final)
+        barrier, neckline, seam = (torch.ones_like(start[:, :1]) for _ in range(3))
+        return _Run(start.clone(), no, no.clone(), no.long(), barrier, neckline, seam, {}, total, final)
 
     def pressure(self, penalty: float, live: Tensor | None = None) -> Pressure:
         whole = Pressure(penalty, self.multipliers, self.barrier, self.neckline, self.seam, self.final)

@@ -207,9 +207,9 @@ def winners(objective: Objective, solution: Solution, wires: Wire) -> Winners:
     cup.load_flat(solution.flat[best].to(wires.scale))
     pressure = solution.pressure.select(best)
     own = (pressure.barrier, pressure.neckline, pressure.seam)
-    raised = (f.to(wires.scale) if isinstance(f, Tensor) else f for f in own)
+    barrier, neckline, seam = (f.to(wires.scale) if isinstance(f, Tensor) else f for f in own)
     targets = objective.targets.select(best).to(wires.scale)
-    return Winners(cup, targets, Pressure(pressure.penalty, {}, *raised), best.tolist())
+    return Winners(cup, targets, Pressure(pressure.penalty, {}, barrier, neckline, seam), best.tolist())
 
 
 def certainty(won: Winners, condition: Conditions) -> tuple[Float[Tensor, "scans count size"], Float[Tensor, " scans"]]:

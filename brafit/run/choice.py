@@ -31,8 +31,8 @@ def chosen(recipe: Recipe, count: int, fit: Fitter) -> list[CupFit]:
         count: of the scans.
         fit: fits some of them.
     """
-    given = recipe.tolerance is None
-    fits = fit(recipe, range(count), "") if given else _fewest(recipe, recipe.tolerance, count, fit)
+    asked = recipe.tolerance
+    fits = fit(recipe, range(count), "") if asked is None else _fewest(recipe, asked, count, fit)
     return _priced(recipe, fits, fit) if recipe.condition.seam == APEX else fits
 
 
