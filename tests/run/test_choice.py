@@ -145,7 +145,8 @@ def test_a_bust_point_that_nobody_marked_is_the_scans_farthest_point() -> None:
     points = np.random.default_rng(0).uniform(-1, 1, (400, 3))
     points[:2] = [[7.0, 3.0, 9.0], [5.0, 1.0, 9.5]]
     unmarked = Target("one", points, points[:5])
-    assert np.allclose(with_bust_point(unmarked).apex, [6.0, 2.0, 9.25])
+    apex = with_bust_point(unmarked).apex
+    assert apex is not None and np.allclose(apex, [6.0, 2.0, 9.25])
     marked = replace(unmarked, apex=points[3])
     assert with_bust_point(marked) is marked
 
