@@ -146,7 +146,8 @@ def test_a_bust_point_that_nobody_marked_is_the_scans_farthest_point() -> None:
     points[:2] = [[7.0, 3.0, 9.0], [5.0, 1.0, 9.5]]
     unmarked = Target("one", points, points[:5])
     apex = with_bust_point(unmarked).apex
-    assert apex is not None and np.allclose(apex, [6.0, 2.0, 9.25])
+    assert apex is not None
+    assert np.allclose(apex, [6.0, 2.0, 9.25])
     marked = replace(unmarked, apex=points[3])
     assert with_bust_point(marked) is marked
 
