@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brafit.errors import InputError, OtherUnitError, WrongWayError
+from brafit.errors import ConfigError, InputError, OtherUnitError, WrongWayError
 
 if TYPE_CHECKING:
     from brafit.fitting import DifferentiableFit, Target
@@ -108,6 +108,8 @@ def layer(
     from brafit.scan import Scan, load_scan
 
     recipe = recipe_of(_listed(settings))
+    if recipe.tolerance is not None:
+        raise ConfigError("cup.panels=auto: derivatives need a number of panels: cup.panels=3")
     made = DifferentiableFit(recipe.cup, recipe.solver, recipe.condition, recipe.restarts, matrix)
     loaded = [scan if isinstance(scan, Scan) else load_scan(scan, **recipe.scan) for scan in scans]
     return made, [target_of(scan) for scan in loaded]

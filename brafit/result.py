@@ -175,6 +175,7 @@ class Result:
             "frame": {"origin": self.frame.origin, "axes": self.frame.axes},
             "parameters": self.fit.parameters,
             "conditions": self.fit.conditions,
+            "choice": self.fit.choice,
             "pattern": {
                 "warnings": list(pattern.warnings),
                 "seams_mm": pattern.seams,

@@ -91,6 +91,34 @@ def report_breasts(targets: list[Target]) -> None:
         print(f"  median RMS {np.median([fit.figures['rms_mm'] for fit in fits]):.2f} mm")
 
 
+def report_seam(targets: list[Target], starts: int = 8) -> None:
+    """A seam through the bust point: how near it comes, what it costs, and whether one start finds what eight find."""
+    solver, free = shipped()
+    through = replace(free, seam="apex")
+    every = LM([replace(stage, keep=None) for stage in solver.stages], solver.margin, solver.apart)
+    for panels in (2, 3):
+        cup = partial(StripsCup, panels=panels)
+        closest, fits = (fit_targets(targets, cup, solver, asked) for asked in (free, through))
+        wires = Wire.stack([Wire.from_polyline(target.wire) for target in targets])
+        objective = starting_problems(targets, wires, cup, through, starts)
+        ends = every.solve(objective, objective.cup.flatten().detach(), None).flat
+        objective.cup.load_flat(ends)
+        cups = measured_cups(objective.cup, [target for target in targets for _ in range(starts)], 0)
+        print(
+            f"\n{panels} panels, closest: RMS, seam to apex; through it: RMS, seam to apex, over the best of {starts}"
+        )
+        shares = []
+        for k, (other, fit) in enumerate(zip(closest, fits, strict=True)):
+            own, f = other.figures, fit.figures
+            best = min(one.figures["rms_mm"] for one in cups[k * starts : (k + 1) * starts])
+            shares.append(f["rms_mm"] / best - 1)
+            print(
+                f"  {fit.name:12} {own['rms_mm']:6.2f} {own['seam_to_apex_mm']:6.1f}   {f['rms_mm']:6.2f}"
+                f" {f['seam_to_apex_mm']:6.2f} {shares[-1]:+7.2%} {fit.code.name.lower()}"
+            )
+        print(f"  largest: {max(fit.figures['seam_to_apex_mm'] for fit in fits):.2f} mm, {max(shares):+.2%}")
+
+
 def problems(targets: list[Target], panels: int) -> Objective:
     """One start per scan, as a batch."""
     wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])
@@ -462,6 +490,7 @@ def report_run(folder: str, rescans: int = 224) -> None:
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     "run": lambda options: report_run(options.folder),
     "breasts": lambda options: report_breasts(breasts(options.folder)),
+    "seam": lambda options: report_seam(breasts(options.folder)),
     "starts": lambda options: report_starts(breasts(options.folder)),
     "steps": lambda options: report_steps(breasts(options.folder)),
     "sphere": lambda options: report_sphere(100 if options.slow else 10),

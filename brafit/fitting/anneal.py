@@ -83,11 +83,13 @@ class Anneal:
             part, place = objective.select(left), run.place[left]
             shape = part.cup.shape_of(place)
             low, factor = shape.margin.amin((-2, -1)) < objective.conditions.margin, part.neckline_factor(shape)
-            wanting = low | (factor > 1)
+            pull = part.seam_factor(shape)
+            wanting = low | (factor > 1) | (pull > 1)
             if not wanting.any():
                 break
             run.barrier[left[low]] *= 10
             run.neckline[left] *= factor[:, None]
+            run.seam[left] *= pull[:, None]
             grid = grid.finer()
             self._stage(run, grid, "raised", self.stages[-1], left[wanting], callback)
         live = (~run.diverged).nonzero()[:, 0]
@@ -149,6 +151,7 @@ class _Run:
     evaluations: Tensor
     barrier: Tensor
     neckline: Tensor
+    seam: Tensor
     multipliers: dict[str, Tensor]
     total: int
     final: float
@@ -157,11 +160,11 @@ class _Run:
     @staticmethod
     def of(start: Tensor, total: int, final: float) -> "_Run":
         no = torch.zeros(len(start), dtype=torch.bool, device=start.device)
-        ones = torch.ones_like(start[:, :1])
-        return _Run(start.clone(), no, no.clone(), no.long(), ones, ones.clone(), {}, total, final)
+        barrier, neckline, seam = (torch.ones_like(start[:, :1]) for _ in range(3))
+        return _Run(start.clone(), no, no.clone(), no.long(), barrier, neckline, seam, {}, total, final)
 
     def pressure(self, penalty: float, live: Tensor | None = None) -> Pressure:
-        whole = Pressure(penalty, self.multipliers, self.barrier, self.neckline, self.final)
+        whole = Pressure(penalty, self.multipliers, self.barrier, self.neckline, self.seam, self.final)
         return whole if live is None else whole.select(live)
 
 

@@ -17,7 +17,7 @@ from torch import Tensor
 from brafit.fitting.anneal import LOOKS, close
 from brafit.fitting.bending import Bending
 from brafit.fitting.normal import Normal, normal_equations
-from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.objective import APEX, Objective, Pressure
 from brafit.fitting.result import ResultCode
 from brafit.fitting.solver import Callback, Solution, Step
 from brafit.geometry.products import dots, solved_each
@@ -48,6 +48,9 @@ class LMStage:
             very plain cups, which the next stages follow; fairness alone has many, and comes last.
         margin_width: the least width of the regularity barrier while the stage runs: a soft barrier leads past poor
             optima.
+        seam: share of the ridge's pull to the apex (`Conditions.seam`) while the stage runs. At its full weight from
+            the first, it leads into one of several optima, by chance.
+        leading: the stage runs only where a ridge is to run through the apex, which takes more stages.
 
     Raises:
         ValueError: no step, or a penalty that is not positive.
@@ -62,6 +65,8 @@ class LMStage:
     fairness: float = 1.0
     plainness: float = 1.0
     margin_width: float = 0.0
+    seam: float = 1.0
+    leading: bool = False
 
     def __post_init__(self) -> None:
         if self.steps < 1 or not self.penalty > 0:
@@ -115,18 +120,19 @@ class LM:
         value = torch.full_like(start[:, 0], torch.inf)
         codes = [ResultCode.DIVERGED] * batch
         steps = torch.zeros(batch, dtype=torch.long, device=start.device)
-        barrier, neckline = torch.ones_like(start[:, :1]), torch.ones_like(start[:, :1])
+        barrier, neckline, seam = (torch.ones_like(start[:, :1]) for _ in range(3))
         multipliers: dict[str, Tensor] = {}
         penalty = self.stages[-1].penalty
-        total, done = sum(s.steps for s in self.stages), 0
+        stages = [s for s in self.stages if not s.leading or objective.conditions.seam == APEX]
+        total, done = sum(s.steps for s in stages), 0
         notes: list[list[str]] = [[] for _ in range(batch)]
 
-        for number, stage in enumerate(self.stages):
-            last = number == len(self.stages) - 1
+        for number, stage in enumerate(stages):
+            last = number == len(stages) - 1
             running, grid = live, objective
             for _ in range(LOOKS + 1 if last else 1):
                 part, place[running] = staged(grid.select(running), place[running], stage)
-                pressure = Pressure(stage.penalty, multipliers, barrier, neckline, penalty).select(running)
+                pressure = Pressure(stage.penalty, multipliers, barrier, neckline, seam, penalty).select(running)
                 tell = partial(_tell, callback, f"{number + 1} lm", done, total)
                 ending = minimise(part, place[running], pressure, stage, tell)
                 place[running], value[running] = ending.place, ending.value
@@ -144,7 +150,9 @@ class LM:
                     break
                 low = shape.margin.amin((-2, -1)) < objective.conditions.margin - self.margin
                 barrier[running[low]] *= 10
-                running = running[low | (factor > _WORTH)]
+                pull = part.seam_factor(shape)
+                seam[running] *= pull[:, None]
+                running = running[low | (factor > _WORTH) | (pull > 1)]
                 if len(running) == 0:
                     break
                 grid = grid.finer()
@@ -155,9 +163,9 @@ class LM:
             done += stage.steps
             value[value.isnan()] = torch.inf
             if stage.keep is not None:
-                final = stage.keep == min(s.keep for s in self.stages if s.keep is not None)
+                final = stage.keep == min(s.keep for s in stages if s.keep is not None)
                 live = self._drop(live, value, objective.groups, stage.keep, codes, notes if final else None)
-        pressure = Pressure(penalty, multipliers, barrier, neckline)
+        pressure = Pressure(penalty, multipliers, barrier, neckline, seam)
         return Solution(close(objective, place, pressure), codes, steps, pressure, notes)
 
     @staticmethod
@@ -204,7 +212,7 @@ def staged(
 ) -> tuple[Objective, Float[Tensor, "batch size"]]:
     """The objective as a stage sees it, and the places that the stage begins at."""
     shares = (stage.fairness, stage.plainness) if objective.cup.exact else (1.0, 1.0)
-    objective = objective.seen(stage.points).eased(*shares, stage.margin_width)
+    objective = objective.seen(stage.points).eased(*shares, stage.margin_width, stage.seam)
     targets = objective.targets
     return objective, objective.cup.place_corner(place, targets.connection, targets.has_connection)
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
@@ -23,12 +24,13 @@ from brafit.fitting.measure import (
     Bend,
     figures_of,
     in_millimetres,
+    seam_to_apex,
     tight_bends,
     upper_edge_gap,
     wire_places,
 )
 from brafit.fitting.neckline import Neckline
-from brafit.fitting.objective import Conditions, Objective, Pressure
+from brafit.fitting.objective import APEX, SEAM_LIMIT, Conditions, Objective, Pressure
 from brafit.fitting.result import ResultCode
 from brafit.fitting.shards import in_shards
 from brafit.fitting.solver import Callback, Solution, Solver
@@ -71,6 +73,8 @@ class CupFit:
         warnings: what is uncertain about the fit, in plain words.
         alternatives: cups a standard deviation away, see `brafit.fitting.certainty`; none where that is not known.
         conditions: of each condition of another kind (`Conditions.extra`) what was measured, by its name.
+        notes: what was found out by fitting, such as what one more panel would bring.
+        choice: the same as numbers, for fit.json.
     """
 
     name: str
@@ -86,6 +90,8 @@ class CupFit:
     warnings: tuple[str, ...] = ()
     alternatives: Sequence[Alternative] = ()
     conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    choice: Mapping[str, Any] = field(default_factory=dict)
 
 
 def fit_targets(
@@ -200,11 +206,10 @@ def winners(objective: Objective, solution: Solution, wires: Wire) -> Winners:
     cup = objective.cup.select(best).on(wires)
     cup.load_flat(solution.flat[best].to(wires.scale))
     pressure = solution.pressure.select(best)
-    barrier, neckline = (
-        f.to(wires.scale) if isinstance(f, Tensor) else f for f in (pressure.barrier, pressure.neckline)
-    )
+    own = (pressure.barrier, pressure.neckline, pressure.seam)
+    barrier, neckline, seam = (f.to(wires.scale) if isinstance(f, Tensor) else f for f in own)
     targets = objective.targets.select(best).to(wires.scale)
-    return Winners(cup, targets, Pressure(pressure.penalty, {}, barrier, neckline), best.tolist())
+    return Winners(cup, targets, Pressure(pressure.penalty, {}, barrier, neckline, seam), best.tolist())
 
 
 def certainty(won: Winners, condition: Conditions) -> tuple[Float[Tensor, "scans count size"], Float[Tensor, " scans"]]:
@@ -296,6 +301,9 @@ def _judged(
             f"the upper edge is {off:.2f} mm off the smoothed neckline (mean), condition.neckline_limit is {limit:g}"
         )
         warnings.append(f"{cause}; a larger condition.neckline or a smaller condition.fairness brings it nearer")
+    if condition.seam == APEX and fit.figures["seam_to_apex_mm"] > SEAM_LIMIT:
+        cause = f"the seam passes the bust point at {fit.figures['seam_to_apex_mm']:.1f} mm"
+        warnings.append(f"{cause}, {SEAM_LIMIT:g} mm are asked for; a larger condition.ridge_apex brings it nearer")
     if exact and not twist <= TWIST_LIMIT:
         faults.append(f"a ruling's normals differ by {twist:.3g} degrees, more than {TWIST_LIMIT:g}")
     torn = not fit.figures["isometry_mm"] <= ISOMETRY_LIMIT
@@ -340,6 +348,7 @@ def measured_cups(cup: Cup, targets: Sequence[Target], refinements: int = REFINE
         flat, own = shape.flat(), distances[k, : len(target.points)]
         neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
         figures = figures_of(shape, flat, own, neckline, smooth[k] * scale, wire.smoothing[k].item())
+        figures["seam_to_apex_mm"] = seam_to_apex(shape, target.apex)
         panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
         results.append(Measured(shape, panels, own, figures))
     twisted = [k for k, one in enumerate(results) if not one.figures["twist_deg_max"] <= TWIST_LIMIT]

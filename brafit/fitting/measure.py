@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from brafit.cup.condition import nearest_on_polyline, polyline_points
+from brafit.cup.condition import gaps_to_points, nearest_on_polyline, polyline_points
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, twist_angle
 from brafit.geometry.development import FlatPanel, arc_lengths
@@ -103,6 +103,22 @@ def upper_edge_gap(edge: Tensor, neckline: Tensor) -> float:
     """Mean distance between upper edge and neckline, both ways: of the given one the figure `upper_edge_mm`, of the
     smoothed one what `condition.neckline_limit` bounds."""
     return 0.5 * (_distance(edge, neckline).mean() + _distance(neckline, edge).mean()).item()
+
+
+def seam_to_apex(shape: CupShape, apex: Float[np.ndarray, "3"] | None) -> float:
+    """Distance of the nearest ridge from the bust point, mm; nan for a cup of one panel.
+
+    Args:
+        shape: one cup, mm.
+        apex: the bust point; None: the cup's point farthest from the chest, which lies on an edge, since rulings are
+            straight.
+    """
+    if shape.panels < 2:
+        return math.nan
+    edges = shape.edges.reshape(-1, 3)
+    point = edges[edges[:, 2].argmax()] if apex is None else torch.as_tensor(apex, dtype=edges.dtype)
+    one, asked = shape.map(lambda value: value[None]), point[None, None]
+    return min(gaps_to_points(one, ridge, asked).vectors.norm().item() for ridge in range(1, shape.panels))
 
 
 def _between(shape: CupShape) -> Tensor:

@@ -35,8 +35,16 @@ FAIRNESS = 4e-6
 PLAINNESS = 7e-3
 """Weight of what sets a cup apart from the plain one (`Cup.plain`) at `Conditions.fairness` 1, over the square of the
 number of panels: the fewer panels, the less close the cup, and the less data say about it."""
+CLOSEST, APEX = SEAMS = ("closest", "apex")
+"""Where the ridge nearest to the apex may be asked to run."""
+SEAM = 10.0
+"""Least weight of the squared distance of the apex from the nearest ridge, where a ridge is to run through it."""
+SEAM_LIMIT = 1.0
+"""Largest such distance, mm."""
 RIM_SPACINGS = 2.5
 """Spacings of the cloud's points within which the upper edge is on the cloud."""
+_STRONGER = 1.3
+"""The distance between apex and ridge falls about as the weight's inverse; it is raised by so much more."""
 _RESPONSE = 1.5
 """The distance between edge and neckline falls about as the weight to the power of -1 / 1.5."""
 
@@ -59,8 +67,10 @@ class Conditions:
         rim: weight of the mean squared distance by which the upper edge leaves the cloud, where no neckline is given.
         connection: k1 of the fuzzy condition (42) that draws the upper edge to the strap point.
         connection_width: 1 / sqrt(k2), mm: within it the condition is nearly free, beyond it steep.
-        ridge_apex: k1 of the same condition that draws the ridge to the apex; 0 leaves the ridge free.
-        ridge_apex_width: its width, mm.
+        seam: where the ridge nearest to the apex runs: where the cup is closest to the points (`closest`), or through
+            the apex (`apex`).
+        ridge_apex: weight of the squared distance of the apex from the nearest ridge; 0 leaves the ridges free. With
+            `seam` apex it is at least SEAM, and raised for a scan until that distance is within SEAM_LIMIT.
         margin: the regularity margin that the barrier keeps.
         margin_width: how far above it the barrier begins.
         barrier: weight of the barrier.
@@ -80,8 +90,8 @@ class Conditions:
     rim: float = 0.1
     connection: float = 0.002
     connection_width: float = 20.0
+    seam: str = CLOSEST
     ridge_apex: float = 0.0
-    ridge_apex_width: float = 10.0
     margin: float = 0.3
     margin_width: float = 0.03
     barrier: float = 1.0
@@ -91,9 +101,16 @@ class Conditions:
     def __post_init__(self) -> None:
         point_loss(self.points, 1.0)
         object.__setattr__(self, "extra", checked_conditions(self.extra, WEIGHTS))
-        for name in ("points_width", "neckline_limit", "connection_width", "ridge_apex_width", "margin_width"):
+        for name in ("points_width", "neckline_limit", "connection_width", "margin_width"):
             if getattr(self, name) is not None and not getattr(self, name) > 0:
                 raise ValueError(f"condition.{name} must be positive, got {getattr(self, name)}")
+        if self.seam not in SEAMS:
+            raise ValueError(f"unknown seam {self.seam!r}: allowed are {', '.join(SEAMS)}")
+
+    @property
+    def ridge_pull(self) -> float:
+        """Weight of the squared distance of the apex from the nearest ridge, before it is raised."""
+        return max(self.ridge_apex, SEAM) if self.seam == APEX else self.ridge_apex
 
 
 def weight_names(conditions: Conditions) -> tuple[str, ...]:
@@ -114,12 +131,14 @@ class Pressure:
     multipliers: dict[str, Tensor] = field(default_factory=dict)
     barrier: Float[Tensor, "batch 1"] | float = 1.0
     neckline: Float[Tensor, "batch 1"] | float = 1.0
+    seam: Float[Tensor, "batch 1"] | float = 1.0
     final: float | None = None
 
     def select(self, index: Tensor) -> "Pressure":
-        barrier, neckline = (f[index] if isinstance(f, Tensor) else f for f in (self.barrier, self.neckline))
+        own = (self.barrier, self.neckline, self.seam)
+        barrier, neckline, seam = (f[index] if isinstance(f, Tensor) else f for f in own)
         multipliers = {k: v[index] for k, v in self.multipliers.items()}
-        return Pressure(self.penalty, multipliers, barrier, neckline, self.final)
+        return Pressure(self.penalty, multipliers, barrier, neckline, seam, self.final)
 
 
 @dataclass(frozen=True)
@@ -154,7 +173,7 @@ class Objective:
         self.cup, self.targets, self.conditions, self.guides = cup, targets, conditions, guides
         self.groups = torch.arange(cup.batch, device=targets.points.device) if groups is None else groups
         self.guiding = self.moving = False
-        self.shares = (1.0, 1.0)
+        self.shares = (1.0, 1.0, 1.0)
         self.final_margin_width = conditions.margin_width
 
     def _with(self, **changes: object) -> "Objective":
@@ -189,13 +208,13 @@ class Objective:
         """The same problems with at most `count` points each."""
         return self._with(targets=self.targets.thinned(count))
 
-    def eased(self, fairness: float, plainness: float, margin_width: float) -> "Objective":
-        """The same problems with so many times the weights of fairness and plainness, and at least this width of the
-        margin.
+    def eased(self, fairness: float, plainness: float, margin_width: float, seam: float = 1.0) -> "Objective":
+        """The same problems with so many times the weights of fairness and plainness, at least this width of the
+        margin, and this share of the pull of the apex, where a ridge is to run through it.
         """
         c = self.conditions
         wide = replace(c, margin_width=max(margin_width, c.margin_width))
-        return self._with(conditions=wide, shares=(fairness, plainness))
+        return self._with(conditions=wide, shares=(fairness, plainness, seam))
 
     def seen(self, points: int | None) -> "Objective":
         """The same problems as a stage sees them: with at most so many points each, or all (None). 0: none, their
@@ -223,6 +242,16 @@ class Objective:
         # number by number: a vector's logarithms are rounded by where they stand in it
         raised = excess.new_tensor([max(value, 1.0) ** _RESPONSE for value in excess.tolist()])
         return torch.where(self.targets.has_neckline, raised, 1.0)
+
+    @torch.no_grad()
+    def seam_factor(self, shape: CupShape) -> Float[Tensor, " batch"]:
+        """By how much to raise the ridge's pull to the apex: the distance between them over SEAM_LIMIT, and a little
+        more. 1 where it is within the limit, where nothing asks for it, and for cups that are not exact.
+        """
+        if self.conditions.seam != APEX or not self.cup.exact or self.cup.panels < 2:
+            return torch.ones_like(self.targets.scale)
+        excess = self._ridge_gap(shape).vectors.norm(dim=-1)[:, 0] * self.targets.scale / SEAM_LIMIT
+        return torch.where(self.targets.has_apex & (excess > 1), _STRONGER * excess, 1.0)
 
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:
         """Nearest points of the targets' clouds on the cups."""
@@ -269,7 +298,7 @@ class Objective:
             )
             blocks.append(replace(soft, final=final))
         if c.fairness > 0:
-            fairness, plainness = self.shares
+            fairness, plainness, _ = self.shares
             final = Block("fairness", unfairness, c.fairness * FAIRNESS, "fairness", rows=_unfairness_rows)
             blocks.append(replace(final, weight=fairness * c.fairness * FAIRNESS, final=final))
             if (plain := self.cup.plain) is not None:
@@ -340,10 +369,11 @@ class Objective:
             loss = partial(fuzzy, strength=c.connection, sharpness=(unit / c.connection_width) ** 2)
             corner = self.cup.corner_gap(flat, shape, targets.connection)
             blocks.append(pull("connection", "connection", corner or wanted.part(slice(-1, None)), has_strap, loss))
-        if c.ridge_apex > 0 and self.cup.panels > 1:
-            loss = partial(fuzzy, strength=c.ridge_apex, sharpness=(unit / c.ridge_apex_width) ** 2)
-            has = targets.has_apex[:, None].to(targets.points)
-            blocks.append(pull("ridge at apex", "ridge_apex", self._ridge_gap(shape), has, loss))
+        if c.ridge_pull > 0 and self.cup.panels > 1:
+            weight = c.ridge_pull * pressure.seam * targets.has_apex[:, None].to(targets.points)
+            final = pull("ridge at apex", "ridge_apex", self._ridge_gap(shape), weight)
+            share = self.shares[2] if c.seam == APEX else 1.0
+            blocks.append(replace(final, weight=share * weight, final=final))
         if c.extra:
             asked = Asked.of(self.cup, flat, targets)
             blocks += [asked.block(condition, shape) for condition in c.extra]

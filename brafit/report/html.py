@@ -19,6 +19,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "max_mm": ("largest", "mm"),
     "upper_edge_mm": ("upper edge off the neckline as given, mean", "mm"),
     "neckline_smoothing_mm": ("given neckline off the smooth one that the cup follows, at most", "mm"),
+    "seam_to_apex_mm": ("nearest seam and bust point apart", "mm"),
     "outline_sd_mm": ("standard deviation of the sewing lines' place if the breast were scanned again, at most", "mm"),
     "tightest_radius_mm": ("tightest bend of a flat edge (radius), the strap's corner apart", "mm"),
     "wire_length_mm": ("length of the wire line", "mm"),

@@ -120,6 +120,7 @@ def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension]) -> str:
     facts = [
         ("RMS distance", row.get("rms_mm"), "mm"),
         ("95 % of the points within", row.get("p95_mm"), "mm"),
+        ("seam to bust point", row.get("seam_to_apex_mm"), "mm"),
         ("wire", row.get("wire_length_mm"), "mm"),
         ("depth", depth, "mm"),
         ("twist at most", row.get("twist_deg_max"), "degrees"),

@@ -13,8 +13,10 @@ from brafit.fitting.result import ResultCode
 from brafit.naming import shown
 from brafit.underwires.nearest import nearest_wire
 
-OPTIONAL = {"outline_sd_mm", "upper_edge_mm", "neckline_smoothing_mm"}
-"""Figures that not every fit has: no deviation is known of cups with constraints, and there may be no neckline."""
+NECKLINE = {"upper_edge_mm", "neckline_smoothing_mm"}
+"""Figures of fits with a neckline."""
+OPTIONAL = {"outline_sd_mm", "seam_to_apex_mm"}
+"""Figures that not every fit has: no deviation is known of cups with constraints, and one panel has no seam."""
 
 
 def failed_row(
@@ -53,10 +55,11 @@ def fitted_row(
     """
     figures = {key: math.nan if value is None else float(value) for key, value in fit.figures.items()}
     row = failed_row(fit.name, fit.reason, model, side, points)
+    row["panels"] = len(fit.panels)
     row |= figures | _wire_to_buy(fit, wire or {}) | {"iterations": fit.iterations, "seconds": fit.seconds}
     if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED, ResultCode.UNLIKE):
         return row
-    absent = OPTIONAL if not neckline else {"outline_sd_mm"}
+    absent = OPTIONAL if neckline else OPTIONAL | NECKLINE
     missing = [key for key, value in figures.items() if key not in absent and not math.isfinite(value)]
     if missing:
         return row | {"reason": f"{fit.reason}, but not finite: {', '.join(missing)}"}

@@ -19,7 +19,7 @@ from brafit.naming import shown
 
 SUMMARY_KEYS: tuple[str, ...] = (
     "scan", "status", "reason", "side", "cup", "panels", "terms", "solver", "points",
-    "rms_mm", "mean_mm", "p95_mm", "max_mm", "upper_edge_mm", "neckline_smoothing_mm",
+    "rms_mm", "mean_mm", "p95_mm", "max_mm", "upper_edge_mm", "neckline_smoothing_mm", "seam_to_apex_mm",
     "outline_sd_mm", "tightest_radius_mm", "wire_length_mm", "wire_smoothing_mm", "wire_drift_mm",
     "nearest_wire", "nearest_wire_length_diff_mm", "nearest_wire_span_diff_mm",
     "twist_deg_max", "regularity_min", "isometry_mm", "seam_mismatch_mm", "iterations", "seconds",
@@ -34,8 +34,9 @@ COUNTS = ("panels", "terms", "points", "iterations", "warning_count")
 _SHORT = (
     ("scan", "scan", "s"), ("status", "status", "s"), ("points", "points", "d"),
     ("rms_mm", "rms", ".2f"), ("mean_mm", "mean", ".2f"), ("p95_mm", "p95", ".2f"), ("max_mm", "max", ".2f"),
-    ("upper_edge_mm", "upper edge", ".2f"), ("twist_deg_max", "twist", ".2f"), ("isometry_mm", "isometry", ".3f"),
-    ("seam_mismatch_mm", "seam", ".3f"), ("nearest_wire", "nearest wire", "s"), ("seconds", "seconds", ".1f"),
+    ("upper_edge_mm", "upper edge", ".2f"), ("seam_to_apex_mm", "to apex", ".1f"),
+    ("twist_deg_max", "twist", ".2f"), ("isometry_mm", "isometry", ".3f"), ("seam_mismatch_mm", "seam", ".3f"),
+    ("nearest_wire", "nearest wire", "s"), ("seconds", "seconds", ".1f"),
 )  # fmt: skip
 
 

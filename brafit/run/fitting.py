@@ -7,9 +7,11 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from brafit.fitting import CupFit, Step, Target
+from brafit.fitting.objective import APEX
 from brafit.pattern import Side
 from brafit.report.uncovered import uncovered_share
 from brafit.result import Result
+from brafit.run.choice import Course, chosen, with_bust_point
 from brafit.run.likeness import judged
 from brafit.run.recipe import Recipe
 from brafit.scan import Scan
@@ -43,8 +45,21 @@ def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callable[[Step], Non
         scans: of the batch.
         callback: called with a `Step` after every step.
     """
-    fits = recipe.fit([target_of(scan) for scan in scans], callback)
-    return [judged(fit, scan) for fit, scan in zip(fits, scans, strict=True)]
+    targets, course = [target_of(scan) for scan in scans], Course(callback)
+    guessed = [recipe.condition.seam == APEX and target.apex is None for target in targets]
+    if any(guessed):
+        targets = [with_bust_point(target) for target in targets]
+
+    def some(own: Recipe, places: Sequence[int], name: str) -> list[CupFit]:
+        fits = own.fit([targets[k] for k in places], course.of(places, name))
+        return [judged(fit, scans[k]) for fit, k in zip(fits, places, strict=True)]
+
+    fits = chosen(recipe, len(scans), some)
+    words = "no bust point is marked: the seam runs through the scan's point farthest from the chest"
+    return [
+        replace(fit, notes=(*fit.notes, f"{fit.name}: {words}")) if guess else fit
+        for fit, guess in zip(fits, guessed, strict=True)
+    ]
 
 
 def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
@@ -75,7 +90,7 @@ def scan_facts(scan: Scan, fit: CupFit) -> dict[str, Any]:
         "cleaning": asdict(scan.cleaning),
         "units": asdict(scan.units),
         "origin": asdict(scan.origin),
-        "notes": list(scan.notes),
+        "notes": [*scan.notes, *fit.notes],
         "uncovered_share": uncovered_share(fit.shape, scan.dense),
         "assumed_points": len(scan.assumed),
         "landmarks": {

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from brafit.errors import ConfigError
@@ -19,6 +20,10 @@ NAMED = ("cup", "solver", "hydra.searchpath")
 """What is kept of the choices of groups."""
 READING = ("read_seconds", "mesh_points", "readers")
 """Settings of `scan` that are about reading a file."""
+AUTO = "auto"
+"""Value of `cup.panels` that leaves their number to the scan."""
+FEWEST, MOST = 2, 5
+"""Panels that `cup.panels=auto` chooses from."""
 _TRIAL = (65.0, 200.0)
 """Radius and length of a wire, mm."""
 
@@ -36,6 +41,7 @@ class Recipe:
         restarts: starts per scan.
         device, dtype: where, and in which precision (`float64`, `float32`), the fit computes.
         settings: anything that says how to repeat the run; goes into every fit.json.
+        tolerance: RMS (mm) that the fewest panels are sought for (`cup.panels=auto`); None: `cup` knows their number.
     """
 
     cup: Callable[..., Any]
@@ -48,6 +54,11 @@ class Recipe:
     device: str = "cpu"
     dtype: str = "float64"
     settings: Mapping[str, Any] = field(default_factory=dict)
+    tolerance: float | None = None
+
+    def with_panels(self, count: int) -> Recipe:
+        """The same with cups of so many panels."""
+        return replace(self, cup=partial(self.cup, panels=count), tolerance=None)
 
     def fit(
         self, targets: Sequence[Target], callback: Callable[[Step], None] | None = None, threads: int = 1
@@ -77,9 +88,11 @@ class Recipe:
 
     @property
     def model(self) -> dict[str, Any]:
-        """What rows say of the model: cup, solver, panels, terms."""
+        """What rows say of the model: cup, solver, panels, terms; no panels where their number is the scan's."""
         cup = self.settings.get("cup")
-        values = cup if isinstance(cup, Mapping) else {}
+        values = dict(cup) if isinstance(cup, Mapping) else {}
+        if values.get("panels") == AUTO:
+            values["panels"] = None
         return {
             "cup": self.names.get("cup"),
             "solver": self.names.get("solver"),
@@ -111,10 +124,14 @@ def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) 
         ConfigError: a group's settings are not what its `_target_` takes.
     """
     scan = {key: value for key, value in settings["scan"].items() if key != "side"}
+    cup, tolerance = _panels_of(settings["cup"])
+    condition = _made(settings, "condition", "brafit.fitting.Conditions")
+    if condition.seam == "apex" and cup.get("panels") == 1:
+        raise ConfigError("condition.seam=apex: a cup of one panel has no seam; set cup.panels to 2 or more")
     return Recipe(
-        cup=_cup_of(settings["cup"]),
+        cup=_cup_of(cup),
         solver=_made(settings, "solver", "brafit.fitting.Solver"),
-        condition=_made(settings, "condition", "brafit.fitting.Conditions"),
+        condition=condition,
         pattern=_made(settings, "pattern", "brafit.pattern.PatternOptions"),
         names={key: name for key, name in names.items() if key in NAMED},
         scan=scan | {"readers": _readers_of(scan["readers"])},
@@ -122,7 +139,19 @@ def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) 
         device=settings["device"],
         dtype=settings["dtype"],
         settings=settings,
+        tolerance=tolerance,
     )
+
+
+def _panels_of(settings: Mapping[str, Any]) -> tuple[dict[str, Any], float | None]:
+    """What the cup's maker takes of the settings of `cup`, and the tolerance if the number of panels is the scan's."""
+    cup = {key: value for key, value in settings.items() if key != "tolerance"}
+    if cup.get("panels") != AUTO:
+        return cup, None
+    tolerance = settings.get("tolerance")
+    if not isinstance(tolerance, int | float) or not tolerance > 0:
+        raise ConfigError(f"cup.tolerance={tolerance}: must be above 0 mm where cup.panels={AUTO}")
+    return cup | {"panels": FEWEST}, float(tolerance)
 
 
 def _cup_of(settings: Mapping[str, Any]) -> Callable[..., Any]:

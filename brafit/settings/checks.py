@@ -110,9 +110,18 @@ def _check_limits(node: DictConfig | ListConfig, prefix: str) -> None:
 
 
 def _refusal(
-    value: Any, least: float | None = None, most: float | None = None, choices: Sequence[str] | None = None
+    value: Any,
+    least: float | None = None,
+    most: float | None = None,
+    choices: Sequence[str] | None = None,
+    word: str | None = None,
 ) -> str | None:
-    """What is allowed, if the value is not."""
+    """What is allowed, if the value is not. With a `word` that is it, or a whole number."""
+    if word is not None:
+        if value == word:
+            return None
+        if type(value) is not int:
+            return f"{word} or a whole number from {least} to {most}"
     if choices is not None and value not in choices:
         return f"one of {', '.join(choices)}"
     if least is None or (value >= least and (most is None or value <= most)):

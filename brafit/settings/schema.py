@@ -18,16 +18,21 @@ def one_of(*choices: str) -> Any:
     return field(default=MISSING, metadata={"choices": choices})
 
 
+PANELS = {"least": 1, "most": 8, "word": "auto"}
+"""Limits of `cup.panels`: a whole number, or that word."""
+
+
 @dataclass
 class FramesConfig:
     """cup=frames"""
 
     _target_: str = MISSING
     _partial_: bool = True
-    panels: int = limited(1, 8)
+    panels: Any = field(default=MISSING, metadata=PANELS)
     terms: int = limited(1, 40)
     stations: int = limited(9, 2001)
     basis: str = one_of("cosine", "fourier", "chebyshev")
+    tolerance: float = limited(0)
 
 
 @dataclass
@@ -36,11 +41,12 @@ class StripsConfig:
 
     _target_: str = MISSING
     _partial_: bool = True
-    panels: int = limited(1, 8)
+    panels: Any = field(default=MISSING, metadata=PANELS)
     terms: int = limited(1, 40)
     stations: int = limited(9, 2001)
     nodes: int = limited(8, 1000)
     output_nodes: int = limited(8, 1000)
+    tolerance: float = limited(0)
 
 
 @dataclass
@@ -92,6 +98,8 @@ class LMStageConfig:
     fairness: float = field(default=1.0, metadata={"least": 0})
     plainness: float = field(default=1.0, metadata={"least": 0})
     margin_width: float = field(default=0.0, metadata={"least": 0})
+    seam: float = field(default=1.0, metadata={"least": 0})
+    leading: bool = False
 
 
 @dataclass
@@ -118,8 +126,8 @@ class ConditionConfig:
     rim: float = limited(0)
     connection: float = limited(0)
     connection_width: float = limited(0)
+    seam: str = one_of("closest", "apex")
     ridge_apex: float = limited(0)
-    ridge_apex_width: float = limited(0)
     margin: float = MISSING
     margin_width: float = limited(0)
     barrier: float = limited(0)

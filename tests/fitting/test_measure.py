@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from surfaces import LENSES, stations
 
 from brafit.cup import CupShape
-from brafit.fitting.measure import figures_of, wire_places
+from brafit.fitting.measure import figures_of, seam_to_apex, wire_places
 from brafit.geometry.developable import geodesic_curvature, normals, rulings
 
 
@@ -121,3 +121,21 @@ def test_upper_edge_and_wire_drift_are_distances():
     assert figures(shape, neckline=lifted)["upper_edge_mm"] == pytest.approx(3, rel=1e-3)
     aside = circle(wire_places(shape.stations)) + torch.tensor([0.0, 0.0, 0.7], dtype=torch.float64)
     assert figures(shape, wire=aside)["wire_drift_mm"] == pytest.approx(0.7, rel=1e-4)
+
+
+def test_the_nearest_ridge_to_the_bust_point():
+    """Edges are half circles, turned about the chord by equal angles up to 90 degrees: ridges of 3 panels lie at 30 and
+    60 degrees.
+    """
+    shape, middle = lune_cup(3), np.array([0.0, RADIUS, 0.0])
+
+    def at(degrees: float, radius: float) -> np.ndarray:
+        angle = math.radians(degrees)
+        return middle + radius * np.array([math.cos(angle), 0.0, math.sin(angle)])
+
+    assert seam_to_apex(shape, at(60, RADIUS)) == pytest.approx(0, abs=1e-5)
+    assert seam_to_apex(shape, at(30, RADIUS + 4)) == pytest.approx(4, rel=1e-5)
+    assert seam_to_apex(shape, at(50, RADIUS)) == pytest.approx(2 * RADIUS * math.sin(math.radians(5)), rel=1e-5)
+    # not given: the upper edge's middle, which is farthest from the chest
+    assert seam_to_apex(shape, None) == pytest.approx(2 * RADIUS * math.sin(math.radians(15)), rel=1e-5)
+    assert math.isnan(seam_to_apex(lune_cup(1), at(45, RADIUS)))

@@ -41,7 +41,6 @@ EVERYTHING = Conditions(
     connection=0.05,
     connection_width=10.0,
     ridge_apex=0.03,
-    ridge_apex_width=15.0,
     margin=0.9,
     margin_width=0.1,
     barrier=0.5,

@@ -23,7 +23,7 @@ def row(name: str = "anny_05", **values) -> dict:
 def test_keys_are_those_of_the_specification():
     assert " ".join(SUMMARY_KEYS) == (
         "scan status reason side cup panels terms solver points rms_mm mean_mm p95_mm max_mm upper_edge_mm "
-        "neckline_smoothing_mm outline_sd_mm tightest_radius_mm "
+        "neckline_smoothing_mm seam_to_apex_mm outline_sd_mm tightest_radius_mm "
         "wire_length_mm wire_smoothing_mm wire_drift_mm "
         "nearest_wire nearest_wire_length_diff_mm nearest_wire_span_diff_mm "
         "twist_deg_max regularity_min isometry_mm seam_mismatch_mm "

@@ -1,0 +1,159 @@
+"""What a scan is fitted with where the settings leave it open: the fewest panels that keep a tolerance. And what a seam
+through the bust point costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brafit.fitting import CupFit, Step, Target
+from brafit.fitting.objective import APEX, CLOSEST
+from brafit.fitting.result import ResultCode
+from brafit.run.recipe import FEWEST, MOST, Recipe
+
+Callback = Callable[[Step], None]
+Fitter = Callable[[Recipe, Sequence[int], str], list[CupFit]]
+"""Fits some scans, by their places in the batch, with a recipe; the text says what for."""
+_NO_CUP = (ResultCode.DIVERGED, ResultCode.UNRESOLVED, ResultCode.UNLIKE)
+TOP = 0.005
+"""Share of a scan's points, those farthest from the chest, whose middle stands for a bust point that nobody marked."""
+
+
+def chosen(recipe: Recipe, count: int, fit: Fitter) -> list[CupFit]:
+    """The fits of a batch of scans, each with the number of panels that it needs, and with what that and the seam's
+    place cost among its notes.
+
+    Args:
+        recipe: how to fit.
+        count: of the scans.
+        fit: fits some of them.
+    """
+    asked = recipe.tolerance
+    fits = fit(recipe, range(count), "") if asked is None else _fewest(recipe, asked, count, fit)
+    return _priced(recipe, fits, fit) if recipe.condition.seam == APEX else fits
+
+
+def _fewest(recipe: Recipe, tolerance: float, count: int, fit: Fitter) -> list[CupFit]:
+    """The fewest panels for every scan. One number more than that is fitted as well, to say what it would bring."""
+    tried: list[dict[int, CupFit]] = [{} for _ in range(count)]
+    left = list(range(count))
+    for panels in range(FEWEST, MOST + 2):
+        for k, found in zip(left, fit(recipe.with_panels(panels), left, f"{panels} panels"), strict=True):
+            tried[k][panels] = found
+        left = [k for k in left if panels == FEWEST or not _keeps(tried[k][panels - 1], tolerance)]
+        if not left:
+            break
+    return [_taken(own, tolerance) for own in tried]
+
+
+def _keeps(fit: CupFit, tolerance: float) -> bool:
+    return _is_cup(fit) and fit.figures["rms_mm"] <= tolerance
+
+
+def _is_cup(fit: CupFit) -> bool:
+    return fit.code not in _NO_CUP
+
+
+def _taken(tried: Mapping[int, CupFit], tolerance: float) -> CupFit:
+    """The fit with the fewest panels that keep the tolerance, else the closest; with the RMS of all."""
+    allowed = [panels for panels in tried if panels <= MOST]
+    kept = [panels for panels in allowed if _keeps(tried[panels], tolerance)]
+    cups = [panels for panels in allowed if _is_cup(tried[panels])]
+    closest = min(cups or allowed, key=lambda panels: tried[panels].figures["rms_mm"])
+    panels = kept[0] if kept else closest
+    taken, more = tried[panels], tried.get(panels + 1)
+    words = f"{_panels(panels)}: {taken.figures['rms_mm']:.2f} mm"
+    if more is not None:
+        brings = f"would bring {more.figures['rms_mm']:.2f} mm" if _is_cup(more) else "would make no cup"
+        words = f"{words}; {panels + 1} {brings}"
+    warnings = taken.warnings
+    if not kept:
+        remedy = f"raise cup.tolerance ({tolerance:g} mm), or set cup.panels to more"
+        warnings = (
+            *warnings,
+            f"no cup of {FEWEST} to {MOST} panels keeps the tolerance, {panels} come closest; {remedy}",
+        )
+    return replace(
+        taken,
+        warnings=warnings,
+        notes=(*taken.notes, f"{taken.name}: {words}"),
+        seconds=sum(fit.seconds for fit in tried.values()),
+        choice={
+            **taken.choice,
+            "tolerance_mm": tolerance,
+            "rms_mm_by_panels": {str(n): fit.figures["rms_mm"] if _is_cup(fit) else None for n, fit in tried.items()},
+            "panels": words,
+        },
+    )
+
+
+def _panels(count: int) -> str:
+    return f"{count} panel{'s' * (count > 1)}"
+
+
+def _priced(recipe: Recipe, fits: Sequence[CupFit], fit: Fitter) -> list[CupFit]:
+    """The fits with what their seam through the bust point costs: the closest cups of as many panels, fitted too."""
+    free = replace(recipe, condition=replace(recipe.condition, seam=CLOSEST))
+    priced, counts = list(fits), [len(one.panels) for one in fits]
+    for count in sorted(set(counts)):
+        rows = [k for k, own in enumerate(counts) if own == count]
+        wanted = free if recipe.tolerance is None else free.with_panels(count)
+        for k, other in zip(rows, fit(wanted, rows, "closest"), strict=True):
+            priced[k] = _price(fits[k], other)
+    return priced
+
+
+def _price(own: CupFit, other: CupFit) -> CupFit:
+    """A cup with its seam through the bust point, beside the closest cup."""
+    through, off = own.figures["rms_mm"], other.figures["rms_mm"]
+    away = other.figures["seam_to_apex_mm"]
+    words = f"seam through the bust point: {through:.2f} mm RMS; the closest cup"
+    words += f" has {off:.2f} mm, its seam {away:.1f} mm from it" if _is_cup(other) else " would be none"
+    numbers = {"rms_mm": through, "closest_rms_mm": off, "closest_seam_to_apex_mm": away}
+    return replace(
+        own,
+        notes=(*own.notes, f"{own.name}: {words}"),
+        seconds=own.seconds + other.seconds,
+        choice={**own.choice, "seam": words, "seam_price": numbers if _is_cup(other) else {"rms_mm": through}},
+    )
+
+
+def with_bust_point(target: Target) -> Target:
+    """The target with a bust point: its own, or the middle of the points farthest from the chest."""
+    if target.apex is not None:
+        return target
+    order = np.argsort(target.points[:, 2])
+    return replace(target, apex=target.points[order[-max(1, round(TOP * len(order))) :]].mean(axis=0))
+
+
+class Course:
+    """Tells of several fits of a batch as of one: steps go on where the fit before ended, and scans have their places
+    in the batch.
+    """
+
+    def __init__(self, callback: Callback | None):
+        self._callback, self._done, self._last = callback, 0, 0
+
+    def of(self, places: Sequence[int], name: str) -> Callback | None:
+        """What the next fit is to call.
+
+        Args:
+            places: of its scans in the batch.
+            name: stands before the names of its stages; empty: nothing does.
+        """
+        if self._callback is None:
+            return None
+        self._done += self._last
+        self._last = 0
+        tell, done = self._callback, self._done
+
+        def told(step: Step) -> None:
+            self._last = step.total
+            scans = step.scans.new_tensor(places)[step.scans] if len(step.scans) else step.scans
+            stage = f"{name}, {step.stage}" if name else step.stage
+            tell(replace(step, stage=stage, index=done + step.index, total=done + step.total, scans=scans))
+
+        return told
