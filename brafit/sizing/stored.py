@@ -23,6 +23,7 @@ from brafit.naming import on_disk
 from brafit.pattern import Pattern, PatternOptions, deepest_point, finish, marks_on, pieces_from_panels
 from brafit.run.store import read_fit
 from brafit.settings.entries import made
+from brafit.sizing.surface import corresponding
 
 STATIONS = 65
 """Stations along the wire at which cups are compared."""
@@ -192,8 +193,10 @@ def shape_of(fit: StoredFit) -> CupShape:
         raise InputError(fit.folder / "fit.json", f"its cup cannot be made again ({error})", _AGAIN) from error
 
 
-def edges_of(fits: Sequence[StoredFit], tell: Callable[[int], None] | None = None) -> list[Float[ndarray, "edges n 3"]]:
-    """Edges of the cups, cup frame, mm, at STATIONS evenly spaced along the wire, from the wire up.
+def surfaces_of(
+    fits: Sequence[StoredFit], tell: Callable[[int], None] | None = None
+) -> Float[ndarray, "fits along across 3"]:
+    """The cups of fits as `brafit.sizing.surface.corresponding` has them, cup frame, mm.
 
     Args:
         fits: of any models; neighbours of the same settings are made together.
@@ -202,7 +205,7 @@ def edges_of(fits: Sequence[StoredFit], tell: Callable[[int], None] | None = Non
     Raises:
         InputError: the settings that a fit was made with do not make its cup.
     """
-    found: list[Float[ndarray, "edges n 3"]] = []
+    found = []
     for _, same in groupby(fits, key=lambda fit: (fit.settings, len(fit.flat))):
         own = list(same)
         for k in range(0, len(own), BATCH):
@@ -212,10 +215,10 @@ def edges_of(fits: Sequence[StoredFit], tell: Callable[[int], None] | None = Non
             except (BrafitError, ValueError, RuntimeError, TypeError) as error:
                 file = batch[0].folder / "fit.json"
                 raise InputError(file, f"its cup cannot be made again ({error})", _AGAIN) from error
-            found += list(edges)
+            found.append(corresponding(edges))
             if tell is not None:
                 tell(len(batch))
-    return found
+    return np.concatenate(found)
 
 
 def pattern_of(fit: StoredFit, name: str, pair: bool = False) -> Pattern:

@@ -8,6 +8,7 @@ from numpy import ndarray
 
 ALONG, ACROSS = 24, 9
 """Places along the wire, and from the wire to the upper edge, at which cups are compared."""
+_CHUNK = 1024
 
 
 def corresponding(
@@ -41,8 +42,10 @@ def corresponding(
 
 def point_areas(points: Float[ndarray, "cups along across 3"]) -> Float[ndarray, " places"]:
     """The share of the surface that each place stands for, on average over the cups; they add up to one."""
-    u, v = (np.gradient(points, axis=axis) for axis in (1, 2))
-    area = np.linalg.norm(np.cross(u, v), axis=-1)
-    area[:, :, [0, -1]] /= 2
-    share = (area / area.sum((1, 2), keepdims=True)).mean(0)
-    return share.ravel()
+    total = np.zeros(points.shape[1:3])
+    for k in range(0, len(points), _CHUNK):
+        u, v = (np.gradient(points[k : k + _CHUNK], axis=axis) for axis in (1, 2))
+        area = np.linalg.norm(np.cross(u, v), axis=-1)
+        area[:, :, [0, -1]] /= 2  # the outermost ones have a surface on one side only
+        total += (area / area.sum((1, 2), keepdims=True)).sum(0)
+    return (total / len(points)).ravel()
