@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         sys.exit(_run(options))
     except KeyboardInterrupt:
-        print("brafit-nest: interrupted; nothing was written", file=sys.stderr)
+        print("brafit-nest: interrupted; the files that are finished are kept", file=sys.stderr)
         sys.exit(INTERRUPTED)
     except (BrafitError, OSError) as error:
         print(f"brafit-nest: {error}", file=sys.stderr)
@@ -44,6 +44,7 @@ def _parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
+    from brafit.pattern.finish import warnings_of
     from brafit.run.folder import make_writable
     from brafit.scan.discovery import numbered
     from brafit.sizing.drawing import write_nest
@@ -54,7 +55,9 @@ def _run(options: argparse.Namespace) -> int:
     make_writable(options.out)
     names = numbered([folder.name for folder in folders])
     patterns, refused, failed = [], 0, 0
-    for name, folder in tqdm(list(zip(names, folders, strict=True)), desc="patterns", unit="scan", disable=None, leave=False):
+    for name, folder in tqdm(
+        list(zip(names, folders, strict=True)), desc="patterns", unit="scan", disable=None, leave=False
+    ):
         try:
             fit = stored_fit(folder)
             failed += fit is None
@@ -67,6 +70,8 @@ def _run(options: argparse.Namespace) -> int:
     if not patterns:
         raise ConfigError("there is no good fit in these folders: fit the scans first")
     patterns.sort(key=lambda entry: entry[0])
+    for words in warnings_of([pattern for _, pattern in patterns]):
+        print(f"warning: {words}", file=sys.stderr)
     sides = f"drawn for the left breast{' and the right one' * options.pair}"
     title = f"{len(patterns)} pattern{'s' * (len(patterns) > 1)}"
     write_nest(options.out, nested([pattern for _, pattern in patterns], options.align), title, sides)

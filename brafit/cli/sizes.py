@@ -1,22 +1,34 @@
 """The command `brafit-sizes`: from the fits of many scans the few cups that serve all of them best.
 
-The sizes are cups of scans, so their patterns are at hand: nested in one file, with a graded table, who wears which size
-and how well it serves her, and how well the same number of sizes by wire length alone would.
+The sizes are cups of scans, so their patterns are at hand. They are nested in one file, with a graded table, a table of
+who wears which size and how well it serves her, and how well as many sizes by wire length alone would.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED
 from brafit.errors import BrafitError, ConfigError
 from brafit.naming import print_anything, shown
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+    from numpy import ndarray
+
+    from brafit.cup.shape import CupShape
+    from brafit.sizing.nest import Nest
+    from brafit.sizing.service import Served, Sizes
+    from brafit.sizing.stored import StoredFit
+
 MOST = 12
 """Numbers of sizes that are compared, at least."""
+LIMIT = 25_000
+"""Fits at most: the distances of so many need 2.5 GB."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -26,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         sys.exit(_run(options))
     except KeyboardInterrupt:
-        print("brafit-sizes: interrupted; nothing was written", file=sys.stderr)
+        print("brafit-sizes: interrupted; the files that are finished are kept", file=sys.stderr)
         sys.exit(INTERRUPTED)
     except (BrafitError, OSError) as error:
         print(f"brafit-sizes: {error}", file=sys.stderr)
@@ -46,13 +58,13 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
     from brafit.run.folder import make_writable
-    from brafit.sizing.stored import fit_folders, read_fits
+    from brafit.sizing.stored import fit_folders, read_fits, surfaces_of
 
     if options.sizes < 1:
         raise ConfigError(f"--sizes {options.sizes}: must be 1 or more")
-    from tqdm import tqdm
-
     folders = fit_folders(options.results)
     make_writable(options.out)
     refused: list[BrafitError] = []
@@ -63,71 +75,110 @@ def _run(options: argparse.Namespace) -> int:
 
     with tqdm(total=len(folders), desc="reading", unit="scan", disable=None, leave=False) as bar:
         fits, failed = read_fits(folders, refuse, bar.update)
+    if len(fits) > LIMIT:
+        raise ConfigError(f"{len(fits)} fits: more than {LIMIT} cannot be compared in memory; name fewer folders")
+    with tqdm(total=len(fits), desc="cups", unit="cup", disable=None, leave=False) as bar:
+        fits, surfaces = surfaces_of(fits, refuse, bar.update)
     if len(fits) < options.sizes:
         raise ConfigError(f"--sizes {options.sizes}: there are {len(fits)} good fits; ask for as many sizes or fewer")
     notes = [f"{failed} scans whose fit failed are left out"] * bool(failed)
     notes += [f"{len(refused)} folders cannot be used and are left out"] * bool(refused)
-    print(_written(options, fits, notes))
+    print("\n".join([*notes, *_written(options, fits, surfaces, notes)]))
     return SOME_FAILED if refused else ALL_OK
 
 
-def _written(options: argparse.Namespace, fits: Sequence, notes: Sequence[str]) -> str:
-    """Find the sizes and write all of it; gives the words for the terminal."""
-    import numpy as np
-    from tqdm import tqdm
-
-    from brafit.report.figures import save_figure
-    from brafit.sizing.distance import distance_matrix, population
-    from brafit.sizing.drawing import write_nest
+def _written(
+    options: argparse.Namespace,
+    fits: Sequence[StoredFit],
+    surfaces: Float[ndarray, "fits along across 3"],
+    notes: Sequence[str],
+) -> list[str]:
+    """Find the sizes and write all of it; gives the lines for the terminal."""
+    from brafit.pattern.finish import warnings_of
     from brafit.sizing.nest import nested
     from brafit.sizing.page import write_page, write_tables
-    from brafit.sizing.picture import cups_figure, served_figure
     from brafit.sizing.rows import gaps, graded_rows, member_rows, size_names, size_rows
-    from brafit.sizing.service import sizes_for
-    from brafit.sizing.stored import pattern_of, shape_of, surfaces_of
+    from brafit.sizing.stored import pattern_of, shape_of
     from brafit.sizing.surface import point_areas
 
-    count, total = options.sizes, len(fits)
-    with tqdm(total=total, desc="cups", unit="cup", disable=None, leave=False) as bar:
-        surfaces = surfaces_of(fits, bar.update)
-    weights = point_areas(surfaces)
-    points = surfaces.reshape(total, -1, 3)
-    with tqdm(total=total * total, desc="comparing", unit="pair", unit_scale=True, disable=None, leave=False) as bar:
-        distances = distance_matrix(population(points, weights), bar.update)
-    most = min(total, max(MOST, count))
-    with tqdm(total=most, desc="sizes", unit="size", disable=None, leave=False) as bar:
-        lengths, wires = np.array([fit.wire_length for fit in fits]), [fit.wire_name for fit in fits]
-        found = sizes_for(distances, lengths, wires, count, most, lambda _: bar.update())
-    del distances
-    names, chosen = size_names(count), [fits[k] for k in found.medoids]
+    weights, points = point_areas(surfaces), surfaces.reshape(len(fits), -1, 3)
+    found = _found(options.sizes, fits, points, weights)
+    chosen = [fits[k] for k in found.medoids]
     shapes = [shape_of(fit) for fit in chosen]
     gap = gaps(found, shapes, points, weights)
     sizes, graded = size_rows(found, fits, shapes, gap), graded_rows(found, fits)
-    out, title = options.out, f"{count} size{'s' * (count > 1)} of {total} cups"
+    names = size_names(len(chosen))
     patterns = [pattern_of(fit, name, options.pair) for fit, name in zip(chosen, names, strict=True)]
-    nest = nested(patterns, options.align)
-    write_nest(out, nest, title, f"drawn for the left breast{' and the right one' * options.pair}; sizes by wire length")
+    title = f"{len(chosen)} size{'s' * (len(chosen) > 1)} of {len(fits)} cups"
+    _draw(options, title, nested(patterns, options.align), shapes, sizes, found)
+    write_tables(options.out, sizes, member_rows(found, fits, gap), graded, found)
+    warnings = [f"warning: size {words}" for words in warnings_of(patterns)]
+    write_page(options.out, title, sizes, graded, found, [*notes, *warnings])
+    return [*warnings, *_summary(found, sizes), f"Results: {shown(str(options.out / 'index.html'))}"]
+
+
+def _found(
+    count: int,
+    fits: Sequence[StoredFit],
+    points: Float[ndarray, "fits places 3"],
+    weights: Float[ndarray, " places"],
+) -> Sizes:
+    """The sizes."""
+    import numpy as np
+    from tqdm import tqdm
+
+    from brafit.sizing.distance import distance_matrix, population
+    from brafit.sizing.service import sizes_for
+
+    total, most = len(fits), min(len(fits), max(MOST, count))
+    with tqdm(total=total * total, desc="comparing", unit="pair", unit_scale=True, disable=None, leave=False) as bar:
+        distances = distance_matrix(population(points, weights), bar.update)
+    lengths, wires = np.array([fit.wire_length for fit in fits]), [fit.wire_name for fit in fits]
+    with tqdm(total=most, desc="sizes", unit="size", disable=None, leave=False) as bar:
+        return sizes_for(distances, lengths, wires, count, most, lambda _: bar.update())
+
+
+def _draw(
+    options: argparse.Namespace,
+    title: str,
+    nest: Nest,
+    shapes: Sequence[CupShape],
+    sizes: Sequence[Mapping[str, Any]],
+    found: Sizes,
+) -> None:
+    """Write the nest and the pictures."""
+    from brafit.report.figures import save_figure
+    from brafit.sizing.drawing import write_nest
+    from brafit.sizing.picture import cups_figure, served_figure
+
+    sides = f"drawn for the left breast{' and the right one' * options.pair}; sizes by length of the wire"
+    write_nest(options.out, nest, title, sides)
     captions = [f"wire {row['wire_mm']:.0f} mm, {row['members']} members" for row in sizes]
     cups = cups_figure([shape.edges.numpy() for shape in shapes], nest.layers, captions)
+    served = served_figure(found.steps, len(sizes))
     for suffix in ("svg", "png"):
-        save_figure(cups, out / f"cups.{suffix}")
-        save_figure(served_figure(found.steps, count), out / f"served.{suffix}")
-    write_tables(out, sizes, member_rows(found, fits, gap), graded, found)
-    write_page(out, title, sizes, graded, found, notes)
-    return "\n".join([*notes, *_summary(found, sizes), f"Results: {shown(str(out / 'index.html'))}"])
+        save_figure(cups, options.out / f"cups.{suffix}")
+        save_figure(served, options.out / f"served.{suffix}")
 
 
-def _summary(found, sizes: Sequence) -> list[str]:  # noqa: ANN001
+def _summary(found: Sizes, sizes: Sequence[Mapping[str, Any]]) -> list[str]:
+    from brafit.sizing.service import NEAR
+
     step = found.steps[len(sizes) - 1]
     best, wires = step.sizes.served, step.wire_groups.served
     lines = [
-        f"size {row['size']}: {row['scan']}, {row['members']} members, mean {row['mean_mm']:.1f} mm, wire {row['wire_mm']:.0f} mm"
+        f"size {row['size']}: {row['scan']}, {row['members']} members, mean {row['mean_mm']:.1f} mm, "
+        f"wire {row['wire_mm']:.0f} mm"
         for row in sizes
     ]
+
+    def told(one: Served) -> str:
+        return f"mean {one.mean:.1f} mm, 95 % below {one.p95:.1f} mm, {one.near:.0%} within {NEAR:g} mm"
+
     return [
         *lines,
-        f"{best.count} sizes: mean {best.mean:.1f} mm, 95 % below {best.p95:.1f} mm, {best.near:.0%} within 3 mm",
-        f"as many groups by wire length: mean {wires.mean:.1f} mm, 95 % below {wires.p95:.1f} mm, {wires.near:.0%} within 3 mm",
+        f"{best.count} sizes: {told(best)}",
+        f"as many groups by wire length: {told(wires)}",
     ]
 
 

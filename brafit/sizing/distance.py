@@ -89,7 +89,7 @@ def _largest_root(h: Float[ndarray, "3 3 a b"], start: Float[ndarray, "a b"]) ->
 
 
 def distance_matrix(
-    cups: Population, tell: Callable[[int], None] | None = None, block: int = BLOCK
+    cups: Population, tell: Callable[[int], object] | None = None, block: int = BLOCK
 ) -> Float32[ndarray, "cups cups"]:
     """Distances of all pairs, mm; 4 bytes a pair are all that is held at once, beyond one block.
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -144,20 +145,24 @@ def _line(words: str) -> str:
 
 
 def nest_dxf(nest: Nest) -> bytes:
-    """A nest as DXF of release 12, mm: for each size the layers NAME (cut), NAME_SEW, NAME_NOTCH, NAME_DRILL, NAME_GRAIN
-    and NAME_TEXT in its colour; the control square is on the layer CONTROL.
+    """A nest as DXF of release 12, mm: for each size the layers S_NAME (cut), S_NAME_SEW, _NOTCH, _DRILL, _GRAIN and
+    _TEXT in its colour; the control square is on the layer CONTROL.
     """
     taken: set[str] = set()
     names = {id(layer): block_name(f"S_{layer.name}"[:25], taken) for layer in nest.layers}
     kinds = ("", "_SEW", "_NOTCH", "_DRILL", "_GRAIN", "_TEXT")
     table = [(f"{names[id(layer)]}{kind}", layer.colour_index) for layer in nest.layers for kind in kinds]
-    rows = "".join(_tags((0, "LAYER"), (2, n), (70, 0), (62, c), (6, "CONTINUOUS")) for n, c in [*table, ("CONTROL", 7)])
+    rows = "".join(
+        _tags((0, "LAYER"), (2, n), (70, 0), (62, c), (6, "CONTINUOUS")) for n, c in [*table, ("CONTROL", 7)]
+    )
     layers = _tags((0, "TABLE"), (2, "LAYER"), (70, len(table) + 1)) + rows + _tags((0, "ENDTAB"))
     entities = []
     for layer in nest.layers:
         own = names[id(layer)]
         for _, strokes in layer.pieces:
-            entities += [_drawn(stroke, own if stroke.kind == "cut" else f"{own}_{stroke.kind.upper()}") for stroke in strokes]
+            entities += [
+                _drawn(stroke, own if stroke.kind == "cut" else f"{own}_{stroke.kind.upper()}") for stroke in strokes
+            ]
         entities += [_words(words, f"{own}_TEXT") for words in layer.words]
     bottom = nest.height + GAP
     square = np.array(((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))) * CONTROL + (0, bottom)
@@ -213,12 +218,13 @@ def write_nest_pdf(path: Path, nest: Nest, title: str, note: str = "") -> None:
         (canvas.drawCentredString if centred else canvas.drawString)(x, y - 0.35 * size, drawable(_line(words)))
 
     with replacing(path) as temporary:
-        canvas = Canvas(str(temporary), pagesize=(width * mm, height * mm), initialFontName=face())
+        canvas = Canvas(str(temporary), pagesize=(width * mm, height * mm), initialFontName=face())  # type: ignore[arg-type]
         canvas.setTitle(_line(title))
         canvas.setViewerPreference("PrintScaling", "None")
         canvas.scale(mm, mm)
         text(title, MARGIN, height - MARGIN - 6, 6.0)
         text(note, MARGIN, height - MARGIN - 13, 3.6)
+        canvas.setLineWidth(0.2)
         canvas.rect(MARGIN, MARGIN + foot - CONTROL, CONTROL, CONTROL)
         text("control square 100 mm", MARGIN + 50, MARGIN + foot - 50, 4.0, centred=True)
         for layer, words, (x, y) in _legend(nest, foot):
@@ -233,12 +239,12 @@ def write_nest_pdf(path: Path, nest: Nest, title: str, note: str = "") -> None:
                 for stroke in strokes:
                     _pdf_stroke(canvas, stroke, layer.colour)
             for words in layer.words:
-                text(words.text, *words.at, words.height, layer.colour, centred=True)
+                text(words.text, float(words.at[0]), float(words.at[1]), words.height, layer.colour, centred=True)
         canvas.showPage()
         canvas.save()
 
 
-def _pdf_stroke(canvas, stroke: Stroke, colour: str) -> None:  # noqa: ANN001
+def _pdf_stroke(canvas: Any, stroke: Stroke, colour: str) -> None:
     canvas.setStrokeColor(colour)
     canvas.setLineWidth(WIDTHS[stroke.kind])
     canvas.setDash(*([list(DASHES[stroke.kind])] if stroke.kind in DASHES else []))

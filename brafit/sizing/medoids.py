@@ -1,14 +1,17 @@
 """The k cups of a population that serve all of it best (k-medoids), for k = 1, 2, ...
 
-Sizes are added one at a time: the cup that helps most beside those there are, then swaps of a size for another cup
-until none helps (PAM; all swaps with one candidate are judged together, as in FastPAM of Schubert and Rousseeuw 2021,
-and a block's best swap is made at once). So nothing is random, and the served error cannot rise with k. A round over
-all n candidates takes O(n^2) operations, whatever k.
+From a start a size is swapped for another cup until no swap helps (PAM; all swaps with one candidate are judged
+together, as in FastPAM of Schubert and Rousseeuw 2021, and a block's best swap is made at once). A round over all n
+candidates takes O(n^2) operations, whatever k. For each k there are two starts, and the better end counts: the best
+k - 1 cups with the one that helps most beside them, so that the served error cannot rise with k; and the best of STARTS
+drawn at random (far ones rather than near ones, k-means++) once they are improved by swaps within a SAMPLE (CLARA). What
+is drawn is the same every time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -17,6 +20,9 @@ from numpy import ndarray
 Distances = Float[ndarray, "n n"]
 BLOCK = 256
 """Candidates that are judged together: bounds the memory."""
+STARTS = 8
+SAMPLE = 800
+"""Starts drawn at random, and the items among which they are improved."""
 ROUNDS = 100
 """Over all candidates, for each k, at most."""
 _GAIN = 1e-9
@@ -24,7 +30,7 @@ _GAIN = 1e-9
 
 
 def nested_medoids(
-    distances: Distances, most: int, tell: Callable[[int], None] | None = None
+    distances: Distances, most: int, tell: Callable[[int], object] | None = None
 ) -> list[Int[ndarray, " _"]]:
     """For each k up to `most` the indices of the k medoids: items whose sum of distances to all items, each taken from
     the nearest medoid, no swap of a medoid for another item makes less.
@@ -39,14 +45,20 @@ def nested_medoids(
     """
     if not 1 <= most <= len(distances):
         raise ValueError(f"{most} medoids of {len(distances)} items")
-    chosen: list[int] = []
+    random = np.random.default_rng(0)
+    sample = np.sort(random.choice(len(distances), min(SAMPLE, len(distances)), replace=False))
+    some = distances[np.ix_(sample, sample)]
+    total = partial(_total, distances)
     nearest = np.full(len(distances), np.inf)
-    found = []
+    found: list[Int[ndarray, " _"]] = []
     for k in range(1, most + 1):
-        chosen.append(_helps_most(distances, nearest, chosen))
-        chosen = _swapped(distances, chosen)
-        nearest = distances[chosen].min(0).astype(np.float64)
-        found.append(np.array(chosen))
+        before = found[-1] if found else np.zeros(0, int)
+        starts = [np.append(before, _helps_most(distances, nearest, before))]
+        if 1 < k <= len(sample):
+            drawn = [sample[_swapped(some, _drawn(some, k, random))] for _ in range(STARTS)]
+            starts.append(min(drawn, key=total))
+        found.append(min((_swapped(distances, start) for start in starts), key=total))
+        nearest = distances[found[-1]].min(0).astype(np.float64)
         if tell is not None:
             tell(k)
     return found
@@ -54,11 +66,29 @@ def nested_medoids(
 
 def medoid(distances: Distances, members: Int[ndarray, " m"]) -> int:
     """The member with the least sum of distances to the others."""
-    sums = [distances[members[k : k + BLOCK]][:, members].sum(1, dtype=np.float64) for k in range(0, len(members), BLOCK)]
+    sums = [
+        distances[members[k : k + BLOCK]][:, members].sum(1, dtype=np.float64) for k in range(0, len(members), BLOCK)
+    ]
     return int(members[np.concatenate(sums).argmin()])
 
 
-def _helps_most(distances: Distances, nearest: Float[ndarray, " n"], chosen: list[int]) -> int:
+def _total(distances: Distances, medoids: Int[ndarray, " k"]) -> float:
+    return float(distances[medoids].min(0).sum(dtype=np.float64))
+
+
+def _drawn(distances: Distances, count: int, random: np.random.Generator) -> Int[ndarray, " k"]:
+    """Different items at random, each likelier the farther it is from those before it."""
+    chosen = [int(random.integers(len(distances)))]
+    while len(chosen) < count:
+        chance = distances[chosen].min(0).astype(np.float64) ** 2
+        chance[chosen] = 0.0
+        if chance.sum() == 0:  # all others lie on those that are chosen
+            chance = np.where(np.isin(np.arange(len(chance)), chosen), 0.0, 1.0)
+        chosen.append(int(random.choice(len(chance), p=chance / chance.sum())))
+    return np.array(chosen)
+
+
+def _helps_most(distances: Distances, nearest: Float[ndarray, " n"], chosen: Int[ndarray, " k"]) -> int:
     """The item that makes the sum of the distances to the nearest least."""
     n = len(distances)
     sums = np.concatenate(
@@ -68,10 +98,10 @@ def _helps_most(distances: Distances, nearest: Float[ndarray, " n"], chosen: lis
     return int(sums.argmin())
 
 
-def _swapped(distances: Distances, chosen: list[int]) -> list[int]:
+def _swapped(distances: Distances, chosen: Int[ndarray, " k"]) -> Int[ndarray, " k"]:
     """The medoids after all swaps that help."""
-    n, current = len(distances), np.array(chosen)
-    least = _GAIN * float(distances[current].min(0).sum(dtype=np.float64)) + 1e-12
+    n, current = len(distances), chosen.copy()
+    least = _GAIN * _total(distances, current) + 1e-12
     for _ in range(ROUNDS):
         improved = False
         for k in range(0, n, BLOCK):
@@ -84,7 +114,7 @@ def _swapped(distances: Distances, chosen: list[int]) -> list[int]:
                 improved = True
         if not improved:
             break
-    return current.tolist()
+    return current
 
 
 def _changes(

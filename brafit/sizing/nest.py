@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -180,8 +180,3 @@ def _strokes(piece: CutPiece) -> tuple[Stroke, ...]:
     if np.linalg.norm(piece.grain[1] - piece.grain[0]) > 0:
         strokes.append(Stroke("grain", (Curve.line(*piece.grain),)))
     return tuple(strokes)
-
-
-def renamed(pattern: Pattern, size: str) -> Pattern:
-    """A pattern under another name of its size, for a nest's layers."""
-    return replace(pattern, size=size)

@@ -15,10 +15,10 @@ from brafit.sizing.service import NEAR, Choice, Sizes, Step
 
 Row = Mapping[str, Any]
 METHOD = (
-    "Cups are compared at the same shares of the wire's length and of the way to the upper edge, after the rigid motion "
-    "(any turn and shift, no mirroring; right cups as their mirror images) that brings them together best. error: root "
-    "mean square distance of these points, mm: how far they are apart along the surface counts as well. gap: how far the "
-    "wearer's own cup is from the nearest points of her size."
+    "Cups are compared at the same shares of the wire's length and of the way to the upper edge, after the rigid "
+    "motion (any turn and shift, no mirroring; right cups as their mirror images) that brings them together best. "
+    "error: root mean square distance of these points, mm; how far they are apart along the surface counts as well. "
+    "gap: how far the wearer's own cup is from the nearest points of her size."
 )
 
 
@@ -56,13 +56,17 @@ def curve_row(step: Step) -> dict[str, float]:
     return count | own(step.sizes, "best") | own(step.wire_groups, "wire_groups") | own(step.by_wire, "by_wire")
 
 
-def write_page(out: Path, title: str, sizes: Sequence[Row], graded: Sequence[Row], found: Sizes, notes: Sequence[str]) -> None:
+def write_page(
+    out: Path, title: str, sizes: Sequence[Row], graded: Sequence[Row], found: Sizes, notes: Sequence[str]
+) -> None:
     """Write index.html: figures, pictures, the table of sizes, finished dimensions and the nest.
 
     Args:
         out: the folder of the tables and pictures.
         title: of the page.
-        sizes, graded, found: as `write_tables` takes them.
+        sizes: as `write_tables` takes them.
+        graded: likewise.
+        found: likewise.
         notes: what the user should know of the data.
     """
     step = found.steps[len(sizes) - 1]
@@ -79,15 +83,17 @@ def write_page(out: Path, title: str, sizes: Sequence[Row], graded: Sequence[Row
     files = ["patterns.svg", "patterns.dxf", "patterns.pdf", "sizes.csv", "members.csv", "graded.csv", "curve.csv"]
     links = ", ".join(f'<a href="{link(name)}">{text(name)}</a>' for name in [*files, "sizes.json"])
     sold = found.catalogue.served
-    catalogue = f"By the nearest wire that is sold ({sold.count} wires): mean {sold.mean:.1f} mm, 95 % below {sold.p95:.1f} mm."
+    catalogue = (
+        f"By the nearest wire that is sold ({sold.count} wires): mean {sold.mean:.1f} mm, 95 % below {sold.p95:.1f} mm."
+    )
     write_text(
         out / "index.html",
         page(
             title,
             f'<h1>{text(title)}</h1><div class="facts">{shown}</div>{told}<p>{text(METHOD)}</p>'
-            f'<h2>The cups</h2><p><img src="cups.svg" alt="the cups, size by size" style="max-width:100%"></p>'
+            f"<h2>The cups</h2>{_picture('cups.svg', 'the cups, size by size')}"
             f"<h2>Sizes</h2>{_table(sizes)}"
-            f'<h2>How many sizes</h2><p><img src="served.svg" alt="error by number of sizes" style="max-width:100%"></p>'
+            f"<h2>How many sizes</h2>{_picture('served.svg', 'error by number of sizes')}"
             f"<p>{text(catalogue)}</p>{_table([curve_row(step) for step in found.steps])}"
             f"<h2>Finished dimensions</h2>{_table(graded)}"
             f'<h2>Patterns</h2><p>{links}</p><p><img class="pieces" src="patterns.svg" alt="the nest"></p>'
@@ -97,11 +103,17 @@ def write_page(out: Path, title: str, sizes: Sequence[Row], graded: Sequence[Row
     )
 
 
+def _picture(file: str, words: str) -> str:
+    return f'<p><img src="{link(file)}" alt="{text(words)}" style="max-width:100%"></p>'
+
+
 def _table(rows: Sequence[Row]) -> str:
     keys = list(rows[0])
     head = "".join(f"<th>{text(key.replace('_', ' '))}</th>" for key in keys)
     body = "".join(f"<tr>{''.join(_cell(row.get(key)) for key in keys)}</tr>" for row in rows)
-    return f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    return (
+        f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    )
 
 
 def _cell(value: Any) -> str:

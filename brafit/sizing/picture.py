@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +22,9 @@ VIEWS = ((1, 0, -1), (1, 2, 1))
 """Axes that run to the right and up, and the sign of the latter: from the front, and from below."""
 
 
-def cups_figure(cups: Sequence[Float[ndarray, "edges n 3"]], layers: Sequence[Layer], captions: Sequence[str]) -> Figure:
+def cups_figure(
+    cups: Sequence[Float[ndarray, "edges n 3"]], layers: Sequence[Layer], captions: Sequence[str]
+) -> Figure:
     """Cups by size, each from the front (wire below) and from below (chest at the foot), all in one scale.
 
     Args:
@@ -51,7 +54,7 @@ def cups_figure(cups: Sequence[Float[ndarray, "edges n 3"]], layers: Sequence[La
 
 
 def _draw(axes: Axes, edges: Float[ndarray, "edges n 2"], colour: str) -> None:
-    for lower, upper in zip(edges[:-1], edges[1:], strict=True):
+    for lower, upper in pairwise(edges):
         axes.fill(*np.concatenate((lower, upper[::-1])).T, color=colour, alpha=0.12, linewidth=0)
         for k in np.linspace(0, len(lower) - 1, 15).astype(int)[1:-1]:
             axes.plot(*np.stack((lower[k], upper[k])).T, color=colour, linewidth=0.5, alpha=0.6)

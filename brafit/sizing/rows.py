@@ -48,7 +48,7 @@ def size_rows(
     rows = []
     for size, (name, member, shape) in enumerate(zip(size_names(len(shapes)), found.medoids, shapes, strict=True)):
         own, fit = found.members(size), fits[member]
-        errors, edges = found.error[own], shape.edges.numpy()
+        errors, edges, wires = found.error[own], shape.edges.numpy(), [fits[k].wire_length for k in own]
         rows.append(
             {
                 "size": name,
@@ -63,7 +63,7 @@ def size_rows(
                 "span_mm": float(np.linalg.norm(edges[0, -1] - edges[0, 0])),
                 "depth_mm": float(edges[..., 2].max()),
                 "nearest_wire": fit.wire_name,
-                "members_wire_mm": f"{min(fits[k].wire_length for k in own):.0f} to {max(fits[k].wire_length for k in own):.0f}",
+                "members_wire_mm": f"{min(wires):.0f} to {max(wires):.0f}",
                 "folder": str(fit.folder),
             }
         )

@@ -98,7 +98,7 @@ def sizes_for(
     wires: Sequence[str],
     count: int,
     most: int,
-    tell: Callable[[int], None] | None = None,
+    tell: Callable[[int], object] | None = None,
 ) -> Sizes:
     """The best sizes of a population, and how well they serve it.
 

@@ -23,7 +23,7 @@ from brafit.naming import on_disk
 from brafit.pattern import Pattern, PatternOptions, deepest_point, finish, marks_on, pieces_from_panels
 from brafit.run.store import read_fit
 from brafit.settings.entries import made
-from brafit.sizing.surface import corresponding
+from brafit.sizing.surface import ACROSS, ALONG, corresponding
 
 STATIONS = 65
 """Stations along the wire at which cups are compared."""
@@ -68,7 +68,7 @@ class StoredFit:
 
 
 def fit_folders(results: Iterable[str | Path]) -> list[Path]:
-    """The folders of scans that paths name: folders of runs, of sweeps' jobs, or of scans themselves.
+    """The folders of scans that paths name: folders of runs, or of scans themselves, each once.
 
     Raises:
         InputError: a path is no folder, or there is no fit.json in it.
@@ -82,7 +82,7 @@ def fit_folders(results: Iterable[str | Path]) -> list[Path]:
             raise InputError(
                 path, "it holds no fit.json of any scan", "Name the folder of a run: the one of summary.csv"
             )
-        found |= dict.fromkeys(folder.absolute() for folder in own)
+        found |= dict.fromkeys(folder.resolve() for folder in own)
     return list(found)
 
 
@@ -100,6 +100,8 @@ def stored_fit(folder: Path) -> StoredFit | None:
         return None
     if "wire" not in content:
         raise InputError(file, "it holds no wire: an earlier brafit wrote it", _AGAIN)
+    if not {"cup", "pattern"} <= set(content.get("settings") or ()):
+        raise InputError(file, "it does not say with which settings the cup was made", _AGAIN)
     try:
         return _read(folder, content)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -129,7 +131,7 @@ def _read(folder: Path, content: Mapping[str, Any]) -> StoredFit:
 
 
 def read_fits(
-    folders: Iterable[Path], refused: Callable[[BrafitError], None], tell: Callable[[], None] | None = None
+    folders: Iterable[Path], refused: Callable[[BrafitError], None], tell: Callable[[], object] | None = None
 ) -> tuple[list[StoredFit], int]:
     """The good fits of folders, and how many scans had failed.
 
@@ -190,35 +192,45 @@ def shape_of(fit: StoredFit) -> CupShape:
     try:
         return _shapes([fit]).map(lambda tensor: tensor[0])
     except (BrafitError, ValueError, RuntimeError) as error:
-        raise InputError(fit.folder / "fit.json", f"its cup cannot be made again ({error})", _AGAIN) from error
+        raise _not_again(fit, str(error)) from error
 
 
 def surfaces_of(
-    fits: Sequence[StoredFit], tell: Callable[[int], None] | None = None
-) -> Float[ndarray, "fits along across 3"]:
-    """The cups of fits as `brafit.sizing.surface.corresponding` has them, cup frame, mm.
+    fits: Sequence[StoredFit], refused: Callable[[BrafitError], None], tell: Callable[[int], object] | None = None
+) -> tuple[list[StoredFit], Float[ndarray, "kept along across 3"]]:
+    """The fits whose cups can be made again, and these as `brafit.sizing.surface.corresponding` has them, mm.
 
     Args:
         fits: of any models; neighbours of the same settings are made together.
+        refused: told of each that cannot be made again; the others go on.
         tell: called with the number of fits that have just been done.
-
-    Raises:
-        InputError: the settings that a fit was made with do not make its cup.
     """
-    found = []
+    kept: list[StoredFit] = []
+    found = [np.zeros((0, ALONG, ACROSS, 3))]
     for _, same in groupby(fits, key=lambda fit: (fit.settings, len(fit.flat))):
         own = list(same)
         for k in range(0, len(own), BATCH):
             batch = own[k : k + BATCH]
             try:
-                edges = _shapes(batch, stations=STATIONS).edges.numpy()
+                points = corresponding(_shapes(batch, stations=STATIONS).edges.numpy())
+                causes = [
+                    "" if good else "its numbers make no cup" for good in np.isfinite(points).all((1, 2, 3)).tolist()
+                ]
             except (BrafitError, ValueError, RuntimeError, TypeError) as error:
-                file = batch[0].folder / "fit.json"
-                raise InputError(file, f"its cup cannot be made again ({error})", _AGAIN) from error
-            found.append(corresponding(edges))
+                points, causes = found[0], [str(error)] * len(batch)
+            for fit, cause in zip(batch, causes, strict=True):
+                if cause:
+                    refused(_not_again(fit, cause))
+            good = [not cause for cause in causes]
+            kept += [fit for fit, fine in zip(batch, good, strict=True) if fine]
+            found.append(points[good] if len(points) else points)
             if tell is not None:
                 tell(len(batch))
-    return np.concatenate(found)
+    return kept, np.concatenate(found)
+
+
+def _not_again(fit: StoredFit, cause: str) -> InputError:
+    return InputError(fit.folder / "fit.json", f"its cup cannot be made again ({cause})", _AGAIN)
 
 
 def pattern_of(fit: StoredFit, name: str, pair: bool = False) -> Pattern:
