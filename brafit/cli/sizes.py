@@ -177,7 +177,7 @@ def _summary(found: Sizes, sizes: Sequence[Mapping[str, Any]]) -> list[str]:
 
     return [
         *lines,
-        f"{best.count} sizes: {told(best)}",
+        f"{best.count} size{'s' * (best.count > 1)}: {told(best)}",
         f"as many groups by wire length: {told(wires)}",
     ]
 

@@ -3,9 +3,9 @@
 From a start a size is swapped for another cup until no swap helps (PAM; all swaps with one candidate are judged
 together, as in FastPAM of Schubert and Rousseeuw 2021, and a block's best swap is made at once). A round over all n
 candidates takes O(n^2) operations, whatever k. For each k there are two starts, and the better end counts: the best
-k - 1 cups with the one that helps most beside them, so that the served error cannot rise with k; and the best of STARTS
-drawn at random (far ones rather than near ones, k-means++) once they are improved by swaps within a SAMPLE (CLARA). What
-is drawn is the same every time.
+k - 1 cups with the one that helps most beside them, so that the served error cannot rise with k; and the best of
+STARTS drawn at random (far ones rather than near ones, k-means++) once they are improved by swaps within a SAMPLE
+(CLARA). What is drawn is the same every time.
 """
 
 from __future__ import annotations
