@@ -13,6 +13,7 @@ from numpy import ndarray
 
 from brafit.pattern import CutPiece, Pattern, layout, layout_columns
 from brafit.pattern.curve import Curve
+from brafit.pattern.marks import BUST_POINT, MATCH_POINT
 
 Align = Literal["apex", "wire", "none"]
 ALIGNS: tuple[Align, ...] = ("apex", "wire", "none")
@@ -104,7 +105,8 @@ def nested(patterns: Sequence[Pattern], align: Align = "apex") -> Nest:
 
     With `apex` and `wire`, pieces of the same name lie on one another, not turned: all have their lower edge's chord
     level, so grain lines are parallel. What lies on one point is with `wire` the inner end of the lower edge, with
-    `apex` the bust point's notch, or its hole where it has no notch, or else the middle of the lower edge.
+    `apex` the notch where both pieces of a seam meet nearest to the bust point, or the bust point's hole where there is
+    no such notch, or else the middle of the lower edge.
 
     Args:
         patterns: of one side, the smallest first; with `none` of either side.
@@ -145,8 +147,8 @@ def anchor(piece: CutPiece, align: Align) -> Float[ndarray, "2"]:
     lower = piece.sew[0].curve
     if align == "wire":
         return lower.start
-    feet = [notch.foot for notch in piece.notches if notch.name == "apex"]
-    holes = [hole.point for hole in piece.holes if hole.name == "apex"]
+    feet = [notch.foot for notch in piece.notches if notch.name in (MATCH_POINT, BUST_POINT)]
+    holes = [hole.point for hole in piece.holes if hole.name == BUST_POINT]
     return [*feet, *holes, lower.at(lower.length / 2)[0]][0]
 
 
@@ -174,7 +176,7 @@ def _size(piece: CutPiece, name: str, k: int, count: int, align: Align) -> Words
 def _strokes(piece: CutPiece) -> tuple[Stroke, ...]:
     strokes = [Stroke("cut", piece.cut, closed=True)]
     strokes += [Stroke("sew", (line.curve,)) for line in piece.sew]
-    strokes += [Stroke("notch", (Curve.line(*tick),)) for notch in piece.notches for tick in notch.ticks]
+    strokes += [Stroke("notch", (Curve.line(*line),)) for notch in piece.notches for line in notch.strokes]
     for hole in piece.holes:
         strokes += [Stroke("drill", (Curve.line(hole.point - d, hole.point + d),)) for d in _DOT * np.eye(2)]
     if np.linalg.norm(piece.grain[1] - piece.grain[0]) > 0:

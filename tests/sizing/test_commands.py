@@ -143,7 +143,9 @@ def test_a_right_cup_is_drawn_as_a_left_one(tmp_path: Path):
     assert left is not None
     assert right is not None
     assert run(sizes, tmp_path, "--sizes", 1, "--out", tmp_path / "out") == 0
-    assert [float(row["error_mm"]) for row in table(tmp_path / "out" / "members.csv")] == pytest.approx([0, 0], abs=1e-4)
+    assert [float(row["error_mm"]) for row in table(tmp_path / "out" / "members.csv")] == pytest.approx(
+        [0, 0], abs=1e-4
+    )
     for one, other in zip(pattern_of(left, "1").pieces, pattern_of(right, "1").pieces, strict=True):
         np.testing.assert_allclose(one.cut_outline(), other.cut_outline())
 

@@ -12,6 +12,7 @@ import svgelements
 from patterns import pattern, program
 
 from brafit.pattern import Pattern
+from brafit.pattern.marks import MATCH_POINT
 from brafit.sizing.drawing import FILES, nest_dxf, nest_svg, write_nest
 from brafit.sizing.nest import ALIGNS, HUES, Align, anchor, nested
 
@@ -49,7 +50,7 @@ def test_apex_notches_meet_and_wires_inner_ends_do():
     sizes = three()
     for one in sizes:
         for piece in one.pieces:
-            notch = next(notch for notch in piece.notches if notch.name == "apex")
+            notch = next(notch for notch in piece.notches if notch.name == MATCH_POINT)
             np.testing.assert_allclose(anchor(piece, "apex"), notch.foot)
             np.testing.assert_allclose(anchor(piece, "wire"), piece.sew[0].curve.start)
 
