@@ -7,9 +7,9 @@ import json
 import shutil
 from pathlib import Path
 
-import ezdxf
 import numpy as np
 import pytest
+from ezdxf.filemanagement import readfile
 from populations import made_cup, write_fit, write_population
 
 import brafit
@@ -63,7 +63,7 @@ def test_kinds_are_found_and_everyone_gets_her_own(population, tmp_path: Path):
     assert [row["scan"] for row in content["sizes"]] == [row["scan"] for row in rows]
     for name in ("index.html", "cups.svg", "cups.png", "served.svg", "served.png", "patterns.svg", "patterns.pdf"):
         assert (tmp_path / name).stat().st_size > 1000
-    layers = {layer.dxf.name for layer in ezdxf.readfile(tmp_path / "patterns.dxf").layers}
+    layers = {layer.dxf.name for layer in readfile(tmp_path / "patterns.dxf").layers}
     assert {"S_1", "S_2", "S_3"} <= layers
 
 
@@ -103,7 +103,7 @@ def test_what_cannot_be_used_is_said_in_a_line_and_the_rest_goes_on(population, 
     assert run(nest, results, "--out", tmp_path / "nest") == 1
     said = capsys.readouterr()
     assert len([line for line in said.err.splitlines() if line.startswith("failed: ")]) == 3
-    layers = [layer.dxf.name for layer in ezdxf.readfile(tmp_path / "nest" / "patterns.dxf").layers]
+    layers = [layer.dxf.name for layer in readfile(tmp_path / "nest" / "patterns.dxf").layers]
     assert sum(name.endswith("_SEW") for name in layers) == 11
 
 
@@ -131,7 +131,7 @@ def test_folders_without_fits_are_refused_in_one_line(command, tmp_path: Path, c
 def test_a_scan_named_twice_counts_once(population, tmp_path: Path):
     results = population[0]
     assert run(nest, results / "cup_0_0", results / "cup_0_0" / "..", "--out", tmp_path, "--align", "none") == 0
-    layers = [layer.dxf.name for layer in ezdxf.readfile(tmp_path / "patterns.dxf").layers]
+    layers = [layer.dxf.name for layer in readfile(tmp_path / "patterns.dxf").layers]
     assert sum(name.endswith("_SEW") for name in layers) == 15
 
 

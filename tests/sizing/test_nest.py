@@ -5,10 +5,10 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-import ezdxf
 import numpy as np
 import pytest
 import svgelements
+from ezdxf.filemanagement import readfile
 from patterns import pattern, program
 
 from brafit.pattern import Pattern
@@ -108,13 +108,13 @@ def test_svg_has_a_layer_a_size_at_true_size():
 def test_dxf_has_layers_of_every_size_in_millimetres(tmp_path: Path):
     sizes = three()
     (tmp_path / "nest.dxf").write_bytes(nest_dxf(nested(sizes)))
-    read = ezdxf.readfile(tmp_path / "nest.dxf")
+    read = readfile(tmp_path / "nest.dxf")
     assert not read.audit().errors
     colours = {layer.dxf.name: layer.dxf.color for layer in read.layers}
     assert len({colours[f"S_{size}"] for size in SIZES}) == 3
     for size, one in zip(SIZES, sizes, strict=True):
         lines = read.modelspace().query(f'POLYLINE[layer=="S_{size}_SEW"]')
-        found = [np.array([v.dxf.location for v in line.vertices]) for line in lines]
+        found = [np.array([v.dxf.location for v in line.vertices]) for line in lines]  # type: ignore[attr-defined]
         measured = sorted(float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()) for points in found)
         np.testing.assert_allclose(measured, lengths(one), atol=0.05)
         assert len(read.modelspace().query(f'POLYLINE[layer=="S_{size}"]')) == 2
@@ -138,9 +138,7 @@ def test_pdf_is_one_page_at_true_size(tmp_path: Path):
 def test_names_of_any_letters_are_kept_apart(tmp_path: Path):
     nest = nested([pattern(size="größe"), pattern(size="größt"), pattern(size="a" * 60), pattern(size="a" * 61)])
     (tmp_path / "nest.dxf").write_bytes(nest_dxf(nest))
-    names = {
-        layer.dxf.name for layer in ezdxf.readfile(tmp_path / "nest.dxf").layers if layer.dxf.name.endswith("_SEW")
-    }
+    names = {layer.dxf.name for layer in readfile(tmp_path / "nest.dxf").layers if layer.dxf.name.endswith("_SEW")}
     assert len(names) == 4
     drawn = svgelements.SVG.parse(str(_written(tmp_path / "nest.svg", nest_svg(nest, "x"))))
     assert drawn.width > 100
