@@ -214,7 +214,8 @@ def surfaces_of(
             try:
                 points = corresponding(_shapes(batch, stations=STATIONS).edges.numpy())
                 causes = [
-                    "" if good else "its numbers make no cup" for good in np.isfinite(points).all((1, 2, 3)).tolist()
+                    "" if good else "its numbers make no cup"
+                    for good in np.isfinite(points.reshape(len(points), -1)).all(axis=1)
                 ]
             except (BrafitError, ValueError, RuntimeError, TypeError) as error:
                 points, causes = found[0], [str(error)] * len(batch)
