@@ -18,6 +18,7 @@ from numpy import ndarray
 
 from brafit.atomic import write_bytes
 from brafit.cup.shape import CupShape
+from brafit.cup.wire import Wire
 from brafit.fitting import CupFit, Target
 from brafit.fitting.certainty import outline_deviation
 from brafit.landmarks import CupFrame
@@ -173,6 +174,7 @@ class Result:
             "warnings": list(self.fit.warnings),
             "edges_mm": {piece.name: {line.name: line.length for line in piece.sew} for piece in pattern.pieces},
             "frame": {"origin": self.frame.origin, "axes": self.frame.axes},
+            "wire": wire_entry(self.target.wire),
             "parameters": self.fit.parameters,
             "conditions": self.fit.conditions,
             "choice": self.fit.choice,
@@ -263,6 +265,16 @@ class Result:
         picture = thumbnail(self.target.points, self.fit.distances, self.shape, self.side)
         write_bytes(folder / "thumbnail.png", picture)
         return [folder / "report.html", folder / "thumbnail.png"]
+
+
+def wire_entry(line: Float[ndarray, "k 3"]) -> dict[str, Any]:
+    """The smooth wire of a fit as fit.json has it: with the parameters it makes the cup again.
+
+    Args:
+        line: the given wire line, cup frame, mm.
+    """
+    wire = Wire.from_polyline(line)
+    return {"mm_per_unit": float(wire.scale), "series": wire.coefficients[0].numpy().round(15)}
 
 
 def result_files(folder: Path) -> set[str]:

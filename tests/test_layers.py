@@ -20,7 +20,7 @@ LAYERS = (
     ("scan", "report"),
     ("result",),
     ("run",),
-    ("marking",),
+    ("marking", "sizing"),
     ("api", "cli"),
     ("__init__", "__main__"),
 )

@@ -80,7 +80,7 @@ def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
         "apex": "not given: the cup's point farthest from the chest" if scan.apex is None else scan.origin.marks,
     }
     side: Side = "right" if scan.side == "right" else "left"
-    facts = scan_facts(scan, fit)
+    facts = scan_facts(scan, fit) | {"settings": recipe.settings}
     return Result(fit, _unweighted(scan), side, scan.frame, recipe.pattern, sources, recipe.model, facts)
 
 

@@ -1,0 +1,186 @@
+"""The command `brafit-sizes`: from the fits of many scans the few cups that serve all of them best.
+
+The sizes are cups of scans, so their patterns are at hand. They are nested in one file, with a graded table, a table of
+who wears which size and how well it serves her, and how well as many sizes by wire length alone would.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED
+from brafit.errors import BrafitError, ConfigError
+from brafit.naming import print_anything, shown
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+    from numpy import ndarray
+
+    from brafit.cup.shape import CupShape
+    from brafit.sizing.nest import Nest
+    from brafit.sizing.service import Served, Sizes
+    from brafit.sizing.stored import StoredFit
+
+MOST = 12
+"""Numbers of sizes that are compared, at least."""
+LIMIT = 25_000
+"""Fits at most: the distances of so many need 2.5 GB."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry of the console script; exit status as `brafit`'s."""
+    options = _parser().parse_args(arguments)
+    print_anything()
+    try:
+        sys.exit(_run(options))
+    except KeyboardInterrupt:
+        print("brafit-sizes: interrupted; the files that are finished are kept", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    except (BrafitError, OSError) as error:
+        print(f"brafit-sizes: {error}", file=sys.stderr)
+        sys.exit(NOTHING_RAN)
+
+
+def _parser() -> argparse.ArgumentParser:
+    from brafit.sizing.nest import ALIGNS
+
+    parser = argparse.ArgumentParser(prog="brafit-sizes", description=(__doc__ or "").split("\n\n")[1])
+    parser.add_argument("results", nargs="+", metavar="RESULTS", help="folders of runs, or of scans in them")
+    parser.add_argument("--sizes", type=int, default=8, help="how many (8)")
+    parser.add_argument("--out", type=Path, default=Path("sizes"), help="folder of the results (sizes)")
+    parser.add_argument("--align", choices=ALIGNS, default="apex", help="what lies on one point in the nest (apex)")
+    parser.add_argument("--pair", action="store_true", help="draw the mirrored pieces, for the right breast, as well")
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from brafit.run.folder import make_writable
+    from brafit.sizing.stored import fit_folders, read_fits, surfaces_of
+
+    if options.sizes < 1:
+        raise ConfigError(f"--sizes {options.sizes}: must be 1 or more")
+    folders = fit_folders(options.results)
+    make_writable(options.out)
+    refused: list[BrafitError] = []
+
+    def refuse(error: BrafitError) -> None:
+        refused.append(error)
+        tqdm.write(f"failed: {error}", file=sys.stderr)
+
+    with tqdm(total=len(folders), desc="reading", unit="scan", disable=None, leave=False) as bar:
+        fits, failed = read_fits(folders, refuse, bar.update)
+    if len(fits) > LIMIT:
+        raise ConfigError(f"{len(fits)} fits: more than {LIMIT} cannot be compared in memory; name fewer folders")
+    with tqdm(total=len(fits), desc="cups", unit="cup", disable=None, leave=False) as bar:
+        fits, surfaces = surfaces_of(fits, refuse, bar.update)
+    if len(fits) < options.sizes:
+        raise ConfigError(f"--sizes {options.sizes}: there are {len(fits)} good fits; ask for as many sizes or fewer")
+    notes = [f"{failed} scans whose fit failed are left out"] * bool(failed)
+    notes += [f"{len(refused)} folders cannot be used and are left out"] * bool(refused)
+    print("\n".join([*notes, *_written(options, fits, surfaces, notes)]))
+    return SOME_FAILED if refused else ALL_OK
+
+
+def _written(
+    options: argparse.Namespace,
+    fits: Sequence[StoredFit],
+    surfaces: Float[ndarray, "fits along across 3"],
+    notes: Sequence[str],
+) -> list[str]:
+    """Find the sizes and write all of it; gives the lines for the terminal."""
+    from brafit.pattern.finish import warnings_of
+    from brafit.sizing.nest import nested
+    from brafit.sizing.page import write_page, write_tables
+    from brafit.sizing.rows import gaps, graded_rows, member_rows, size_names, size_rows
+    from brafit.sizing.stored import pattern_of, shape_of
+    from brafit.sizing.surface import point_areas
+
+    weights, points = point_areas(surfaces), surfaces.reshape(len(fits), -1, 3)
+    found = _found(options.sizes, fits, points, weights)
+    chosen = [fits[k] for k in found.medoids]
+    shapes = [shape_of(fit) for fit in chosen]
+    gap = gaps(found, shapes, points, weights)
+    sizes, graded = size_rows(found, fits, shapes, gap), graded_rows(found, fits)
+    names = size_names(len(chosen))
+    patterns = [pattern_of(fit, name, options.pair) for fit, name in zip(chosen, names, strict=True)]
+    title = f"{len(chosen)} size{'s' * (len(chosen) > 1)} of {len(fits)} cups"
+    _draw(options, title, nested(patterns, options.align), shapes, sizes, found)
+    write_tables(options.out, sizes, member_rows(found, fits, gap), graded, found)
+    warnings = [f"warning: size {words}" for words in warnings_of(patterns)]
+    write_page(options.out, title, sizes, graded, found, [*notes, *warnings])
+    return [*warnings, *_summary(found, sizes), f"Results: {shown(str(options.out / 'index.html'))}"]
+
+
+def _found(
+    count: int,
+    fits: Sequence[StoredFit],
+    points: Float[ndarray, "fits places 3"],
+    weights: Float[ndarray, " places"],
+) -> Sizes:
+    """The sizes."""
+    import numpy as np
+    from tqdm import tqdm
+
+    from brafit.sizing.distance import distance_matrix, population
+    from brafit.sizing.service import sizes_for
+
+    total, most = len(fits), min(len(fits), max(MOST, count))
+    with tqdm(total=total * total, desc="comparing", unit="pair", unit_scale=True, disable=None, leave=False) as bar:
+        distances = distance_matrix(population(points, weights), bar.update)
+    lengths, wires = np.array([fit.wire_length for fit in fits]), [fit.wire_name for fit in fits]
+    with tqdm(total=most, desc="sizes", unit="size", disable=None, leave=False) as bar:
+        return sizes_for(distances, lengths, wires, count, most, lambda _: bar.update())
+
+
+def _draw(
+    options: argparse.Namespace,
+    title: str,
+    nest: Nest,
+    shapes: Sequence[CupShape],
+    sizes: Sequence[Mapping[str, Any]],
+    found: Sizes,
+) -> None:
+    """Write the nest and the pictures."""
+    from brafit.report.figures import save_figure
+    from brafit.sizing.drawing import write_nest
+    from brafit.sizing.picture import cups_figure, served_figure
+
+    sides = f"drawn for the left breast{' and the right one' * options.pair}; sizes by length of the wire"
+    write_nest(options.out, nest, title, sides)
+    captions = [f"wire {row['wire_mm']:.0f} mm, {row['members']} members" for row in sizes]
+    cups = cups_figure([shape.edges.numpy() for shape in shapes], nest.layers, captions)
+    served = served_figure(found.steps, len(sizes))
+    for suffix in ("svg", "png"):
+        save_figure(cups, options.out / f"cups.{suffix}")
+        save_figure(served, options.out / f"served.{suffix}")
+
+
+def _summary(found: Sizes, sizes: Sequence[Mapping[str, Any]]) -> list[str]:
+    from brafit.sizing.service import NEAR
+
+    step = found.steps[len(sizes) - 1]
+    best, wires = step.sizes.served, step.wire_groups.served
+    lines = [
+        f"size {row['size']}: {row['scan']}, {row['members']} members, mean {row['mean_mm']:.1f} mm, "
+        f"wire {row['wire_mm']:.0f} mm"
+        for row in sizes
+    ]
+
+    def told(one: Served) -> str:
+        return f"mean {one.mean:.1f} mm, 95 % below {one.p95:.1f} mm, {one.near:.0%} within {NEAR:g} mm"
+
+    return [
+        *lines,
+        f"{best.count} size{'s' * (best.count > 1)}: {told(best)}",
+        f"as many groups by wire length: {told(wires)}",
+    ]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,184 @@
+"""Patterns of several sizes or scans in one drawing: laid on one another as graded nests are, or side by side."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from brafit.pattern import CutPiece, Pattern, layout, layout_columns
+from brafit.pattern.curve import Curve
+from brafit.pattern.marks import BUST_POINT, MATCH_POINT
+
+Align = Literal["apex", "wire", "none"]
+ALIGNS: tuple[Align, ...] = ("apex", "wire", "none")
+GAP = 12.0
+"""Between pieces that lie side by side, mm."""
+HUES = 24
+"""Colours that are told apart; DXF's wheel of colours has so many hues."""
+_DARK = 0.74
+_DOT = 1.5
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """One line of a drawing, mm.
+
+    Attributes:
+        kind: `cut`, `sew`, `notch`, `drill` or `grain`.
+        curves: one after another.
+        closed: whether the end is joined to the start.
+    """
+
+    kind: str
+    curves: tuple[Curve, ...]
+    closed: bool = False
+
+
+@dataclass(frozen=True)
+class Words:
+    """A text about a point; `height` of its letters, mm."""
+
+    text: str
+    at: Float[ndarray, "2"]
+    height: float
+
+
+@dataclass(frozen=True)
+class Layer:
+    """All that is drawn of one size.
+
+    Attributes:
+        name: of the size.
+        hue: number of its colour, 0 to HUES - 1.
+        pieces: for each piece its name and its lines.
+        words: the size's name on its pieces.
+    """
+
+    name: str
+    hue: int
+    pieces: tuple[tuple[str, tuple[Stroke, ...]], ...]
+    words: tuple[Words, ...]
+
+    @property
+    def colour(self) -> str:
+        """RGB, such as `#bd0000`."""
+        return "#" + "".join(f"{round(255 * v):02x}" for v in colorsys.hsv_to_rgb(self.hue / HUES, 1.0, _DARK))
+
+    @property
+    def colour_index(self) -> int:
+        """The colour of DXF that comes nearest."""
+        return 12 + 10 * self.hue
+
+
+@dataclass(frozen=True)
+class Nest:
+    """A drawing of several sizes, mm, y up, its origin in the lower left corner."""
+
+    layers: tuple[Layer, ...]
+    width: float
+    height: float
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Pieces that keep their places to each other: what `layout` moves as one."""
+
+    pieces: tuple[tuple[int, CutPiece], ...]
+
+    @property
+    def bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
+        outlines = np.concatenate([piece.cut_outline() for _, piece in self.pieces])
+        return outlines.min(0), outlines.max(0)
+
+    def map(self, function: Callable[[Any], Any], /) -> _Placed:
+        return _Placed(tuple((k, piece.map(function)) for k, piece in self.pieces))
+
+
+def nested(patterns: Sequence[Pattern], align: Align = "apex") -> Nest:
+    """Patterns in one drawing, each a layer with a colour of its own.
+
+    With `apex` and `wire`, pieces of the same name lie on one another, not turned: all have their lower edge's chord
+    level, so grain lines are parallel. What lies on one point is with `wire` the inner end of the lower edge, with
+    `apex` the notch where both pieces of a seam meet nearest to the bust point, or the bust point's hole where there is
+    no such notch, or else the middle of the lower edge.
+
+    Args:
+        patterns: of one side, the smallest first; with `none` of either side.
+        align: how they lie to each other; with `none` side by side.
+
+    Raises:
+        ValueError: no patterns.
+    """
+    if not patterns:
+        raise ValueError("a nest has at least one pattern")
+    drawn = [tuple(piece for column in pattern.drawn for piece in column) for pattern in patterns]
+    several = any(len({piece.side for piece in pieces}) > 1 for pieces in drawn)
+    if align == "none":
+        sheet = layout_columns([[_Placed(((k, piece),)) for piece in pieces] for k, pieces in enumerate(drawn)], GAP)
+    else:
+        stacks: dict[str, list[tuple[int, CutPiece]]] = {}
+        for k, pieces in enumerate(drawn):
+            for piece in pieces:
+                at = anchor(piece, align)
+                name = f"{piece.name} {piece.side}"
+                stacks.setdefault(name, []).append((k, piece.map(lambda points, at=at: points - at)))
+        sheet = layout([_Placed(tuple(stack)) for stack in stacks.values()], GAP)
+    placed = [entry for stack in sheet.pieces for entry in stack.pieces]
+    layers = [
+        Layer(
+            name=pattern.size,
+            hue=_hue(k, len(patterns)),
+            pieces=tuple((_name(piece, several), _strokes(piece)) for owner, piece in placed if owner == k),
+            words=tuple(_size(piece, pattern.size, k, len(patterns), align) for owner, piece in placed if owner == k),
+        )
+        for k, pattern in enumerate(patterns)
+    ]
+    return Nest(tuple(layers), sheet.width, sheet.height)
+
+
+def anchor(piece: CutPiece, align: Align) -> Float[ndarray, "2"]:
+    """The point of a piece that lies on that of the other sizes, see `nested`."""
+    lower = piece.sew[0].curve
+    if align == "wire":
+        return lower.start
+    feet = [notch.foot for notch in piece.notches if notch.name in (MATCH_POINT, BUST_POINT)]
+    holes = [hole.point for hole in piece.holes if hole.name == BUST_POINT]
+    return [*feet, *holes, lower.at(lower.length / 2)[0]][0]
+
+
+def _hue(k: int, count: int) -> int:
+    """Colours as far apart as so many sizes allow; more than there are begin anew."""
+    return k * HUES // count if count <= HUES else k % HUES
+
+
+def _name(piece: CutPiece, several: bool) -> str:
+    return f"{piece.name} {piece.side}" if several else piece.name
+
+
+def _size(piece: CutPiece, name: str, k: int, count: int, align: Align) -> Words:
+    """A size's name: on its piece, or where others lie on it inside its upper edge, each at another place of that."""
+    if align == "none":
+        return Words(name, piece.label.at, 5.0)
+    upper = piece.sew[-1].curve
+    at, along = upper.at(upper.length * (0.1 + 0.8 * (k + 0.5) / count))
+    inward = np.array((-along[1], along[0]))
+    if piece.side == "right":
+        inward = -inward
+    return Words(name, at + 3.0 * inward, 3.0)
+
+
+def _strokes(piece: CutPiece) -> tuple[Stroke, ...]:
+    strokes = [Stroke("cut", piece.cut, closed=True)]
+    strokes += [Stroke("sew", (line.curve,)) for line in piece.sew]
+    strokes += [Stroke("notch", (Curve.line(*line),)) for notch in piece.notches for line in notch.strokes]
+    for hole in piece.holes:
+        strokes += [Stroke("drill", (Curve.line(hole.point - d, hole.point + d),)) for d in _DOT * np.eye(2)]
+    if np.linalg.norm(piece.grain[1] - piece.grain[0]) > 0:
+        strokes.append(Stroke("grain", (Curve.line(*piece.grain),)))
+    return tuple(strokes)

@@ -1,0 +1,122 @@
+"""What is written of sizes: tables, and a page over all of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from brafit.atomic import write_text
+from brafit.report.html import asset, link, page, short, text
+from brafit.report.table import write_table
+from brafit.sizing.service import NEAR, Choice, Sizes, Step
+
+Row = Mapping[str, Any]
+METHOD = (
+    "Cups are compared at the same shares of the wire's length and of the way to the upper edge, after the rigid "
+    "motion (any turn and shift, no mirroring; right cups as their mirror images) that brings them together best. "
+    "error: root mean square distance of these points, mm; how far they are apart along the surface counts as well. "
+    "gap: how far the wearer's own cup is from the nearest points of her size."
+)
+
+
+def write_tables(out: Path, sizes: Sequence[Row], members: Sequence[Row], graded: Sequence[Row], found: Sizes) -> None:
+    """Write sizes.csv, members.csv, graded.csv, curve.csv and sizes.json (all but the members) into a folder.
+
+    Args:
+        out: the folder.
+        sizes: a row each.
+        members: a row each.
+        graded: a row for each finished dimension, a column for each size.
+        found: the sizes.
+    """
+    curve = [curve_row(step) for step in found.steps]
+    for name, rows in (("sizes", sizes), ("members", members), ("graded", graded), ("curve", curve)):
+        write_table(out / f"{name}.csv", list(rows[0]), rows)
+    content = {
+        "near_mm": NEAR,
+        "sizes": [dict(row) for row in sizes],
+        "dimensions": [dict(row) for row in graded],
+        "curve": curve,
+        "nearest_wire_sold": asdict(found.catalogue.served),
+    }
+    write_text(out / "sizes.json", json.dumps(content, indent=2, ensure_ascii=False, default=float) + "\n")
+
+
+def curve_row(step: Step) -> dict[str, float]:
+    """The figures of one number of sizes: of the best sizes, of the same chosen by wire, of groups by wire length."""
+
+    def own(choice: Choice, name: str) -> dict[str, float]:
+        served = choice.served
+        return {f"{name}_mean_mm": served.mean, f"{name}_p95_mm": served.p95, f"{name}_within_3mm": served.near}
+
+    count = {"sizes": step.sizes.served.count}
+    return count | own(step.sizes, "best") | own(step.wire_groups, "wire_groups") | own(step.by_wire, "by_wire")
+
+
+def write_page(
+    out: Path, title: str, sizes: Sequence[Row], graded: Sequence[Row], found: Sizes, notes: Sequence[str]
+) -> None:
+    """Write index.html: figures, pictures, the table of sizes, finished dimensions and the nest.
+
+    Args:
+        out: the folder of the tables and pictures.
+        title: of the page.
+        sizes: as `write_tables` takes them.
+        graded: likewise.
+        found: likewise.
+        notes: what the user should know of the data.
+    """
+    step = found.steps[len(sizes) - 1]
+    facts = [
+        (f"{len(found.size)}", "cups"),
+        (f"{len(sizes)}", "sizes"),
+        (f"{step.sizes.served.mean:.1f} mm", "error, mean"),
+        (f"{step.sizes.served.p95:.1f} mm", "95 % are below"),
+        (f"{100 * step.sizes.served.near:.0f} %", f"within {NEAR:g} mm"),
+        (f"{step.wire_groups.served.mean:.1f} mm", "error, mean, as many groups by wire length"),
+    ]
+    shown = "".join(f"<div><b>{text(value)}</b><span>{text(words)}</span></div>" for value, words in facts)
+    told = "".join(f"<p>{text(words)}</p>" for words in notes)
+    files = ["patterns.svg", "patterns.dxf", "patterns.pdf", "sizes.csv", "members.csv", "graded.csv", "curve.csv"]
+    links = ", ".join(f'<a href="{link(name)}">{text(name)}</a>' for name in [*files, "sizes.json"])
+    sold = found.catalogue.served
+    catalogue = (
+        f"By the nearest wire that is sold ({sold.count} wires): mean {sold.mean:.1f} mm, 95 % below {sold.p95:.1f} mm."
+    )
+    write_text(
+        out / "index.html",
+        page(
+            title,
+            f'<h1>{text(title)}</h1><div class="facts">{shown}</div>{told}<p>{text(METHOD)}</p>'
+            f"<h2>The cups</h2>{_picture('cups.svg', 'the cups, size by size')}"
+            f"<h2>Sizes</h2>{_table(sizes)}"
+            f"<h2>How many sizes</h2>{_picture('served.svg', 'error by number of sizes')}"
+            f"<p>{text(catalogue)}</p>{_table([curve_row(step) for step in found.steps])}"
+            f"<h2>Finished dimensions</h2>{_table(graded)}"
+            f'<h2>Patterns</h2><p>{links}</p><p><img class="pieces" src="patterns.svg" alt="the nest"></p>'
+            f"<script>{asset('table.js')}</script>",
+            wide=True,
+        ),
+    )
+
+
+def _picture(file: str, words: str) -> str:
+    return f'<p><img src="{link(file)}" alt="{text(words)}" style="max-width:100%"></p>'
+
+
+def _table(rows: Sequence[Row]) -> str:
+    keys = list(rows[0])
+    head = "".join(f"<th>{text(key.replace('_', ' '))}</th>" for key in keys)
+    body = "".join(f"<tr>{''.join(_cell(row.get(key)) for key in keys)}</tr>" for row in rows)
+    return (
+        f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    )
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float | int):
+        return f'<td class="number" data-value="{value!r}">{text(short(float(value)))}</td>'
+    return f"<td>{text(value)}</td>"

@@ -1,0 +1,162 @@
+"""The commands brafit-sizes and brafit-nest on made populations and on a real fit."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ezdxf.filemanagement import readfile
+from populations import made_cup, write_fit, write_population
+
+import brafit
+from brafit.cli import nest, sizes
+from brafit.samples import sample_paths
+from brafit.sizing.stored import pattern_of, shape_of, stored_fit
+
+KINDS = [(60.0, 0.8), (60.0, 1.2), (75.0, 1.0)]
+
+
+def run(command, *words: object) -> int:
+    with pytest.raises(SystemExit) as end:
+        command.main([str(word) for word in words])
+    return int(end.value.code or 0)
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def population(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, int]]:
+    out = tmp_path_factory.mktemp("population")
+    return out, write_population(out, KINDS, 5)
+
+
+def test_kinds_are_found_and_everyone_gets_her_own(population, tmp_path: Path):
+    results, kind_of = population
+    assert run(sizes, results, "--sizes", 3, "--out", tmp_path) == 0
+    rows, members = table(tmp_path / "sizes.csv"), table(tmp_path / "members.csv")
+    assert [row["size"] for row in rows] == ["1", "2", "3"]
+    assert sorted(kind_of[row["scan"]] for row in rows) == [0, 1, 2]
+    kind = {row["size"]: kind_of[row["scan"]] for row in rows}
+    assert len(members) == 15
+    assert all(kind[row["size"]] == kind_of[row["scan"]] for row in members)
+    assert all(float(row["error_mm"]) < float(row["second_error_mm"]) for row in members)
+    lengths = [float(row["wire_mm"]) for row in rows]
+    assert lengths == sorted(lengths)
+    own = {row["scan"]: float(row["error_mm"]) for row in members}
+    assert all(own[row["scan"]] == 0 for row in rows)
+    for row in rows:
+        errors = [own[member["scan"]] for member in members if member["size"] == row["size"]]
+        assert float(row["mean_mm"]) == pytest.approx(np.mean(errors), rel=1e-4)
+        assert int(row["members"]) == 5
+    curve = table(tmp_path / "curve.csv")
+    means = [float(row["best_mean_mm"]) for row in curve]
+    assert means == sorted(means, reverse=True)
+    assert all(float(row["best_mean_mm"]) <= float(row["wire_groups_mean_mm"]) for row in curve)
+    content = json.loads((tmp_path / "sizes.json").read_text())
+    assert [row["scan"] for row in content["sizes"]] == [row["scan"] for row in rows]
+    for name in ("index.html", "cups.svg", "cups.png", "served.svg", "served.png", "patterns.svg", "patterns.pdf"):
+        assert (tmp_path / name).stat().st_size > 1000
+    layers = {layer.dxf.name for layer in readfile(tmp_path / "patterns.dxf").layers}
+    assert {"S_1", "S_2", "S_3"} <= layers
+
+
+def test_the_gap_of_a_wearer_is_never_more_than_her_error(population, tmp_path: Path):
+    """The nearest point is no farther than the corresponding one, but for the cups' stations."""
+    run(sizes, population[0], "--sizes", 2, "--out", tmp_path)
+    for row in table(tmp_path / "members.csv"):
+        assert float(row["gap_mm"]) <= float(row["error_mm"]) + 0.05
+
+
+def test_two_runs_give_the_same(population, tmp_path: Path):
+    assert run(sizes, population[0], "--sizes", 3, "--out", tmp_path / "a") == 0
+    assert run(sizes, population[0], "--sizes", 3, "--out", tmp_path / "b") == 0
+    for file in ("members.csv", "curve.csv", "graded.csv"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_what_cannot_be_used_is_said_in_a_line_and_the_rest_goes_on(population, tmp_path: Path, capsys):
+    results = tmp_path / "results"
+    shutil.copytree(population[0], results)
+    names = sorted(folder.name for folder in results.iterdir())
+    (results / names[0] / "fit.json").write_text("{")
+    old = json.loads((results / names[1] / "fit.json").read_text())
+    (results / names[1] / "fit.json").write_text(json.dumps({k: v for k, v in old.items() if k != "wire"}))
+    (results / names[2] / "fit.json").write_text(json.dumps(old | {"status": "failed", "reason": "x"}))
+    odd = json.loads((results / names[3] / "fit.json").read_text())
+    odd["parameters"]["angle"] = [*odd["parameters"]["angle"], 0.0]
+    (results / names[3] / "fit.json").write_text(json.dumps(odd))
+    assert run(sizes, results, "--sizes", 3, "--out", tmp_path / "out") == 1
+    said = capsys.readouterr()
+    lines = [line for line in said.err.splitlines() if line.startswith("failed: ")]
+    assert len(lines) == 3
+    assert all(f"/{name}/fit.json: " in line for name, line in zip((names[0], names[1], names[3]), lines, strict=True))
+    assert "no wire" in lines[1]
+    assert "1 scans whose fit failed" in said.out
+    assert len(table(tmp_path / "out" / "members.csv")) == 11
+    assert run(nest, results, "--out", tmp_path / "nest") == 1
+    said = capsys.readouterr()
+    assert len([line for line in said.err.splitlines() if line.startswith("failed: ")]) == 3
+    layers = [layer.dxf.name for layer in readfile(tmp_path / "nest" / "patterns.dxf").layers]
+    assert sum(name.endswith("_SEW") for name in layers) == 11
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--sizes", "0"], "must be 1 or more"),
+        (["--sizes", "16"], "there are 15 good fits"),
+    ],
+)
+def test_wrong_numbers_of_sizes_are_refused(population, tmp_path: Path, capsys, words, said):
+    assert run(sizes, population[0], *words, "--out", tmp_path) == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [sizes, nest])
+def test_folders_without_fits_are_refused_in_one_line(command, tmp_path: Path, capsys):
+    assert run(command, tmp_path / "none", "--out", tmp_path / "out") == 2
+    assert "no such folder" in capsys.readouterr().err
+    (tmp_path / "empty").mkdir()
+    assert run(command, tmp_path / "empty", "--out", tmp_path / "out") == 2
+    assert "no fit.json" in capsys.readouterr().err
+
+
+def test_a_scan_named_twice_counts_once(population, tmp_path: Path):
+    results = population[0]
+    assert run(nest, results / "cup_0_0", results / "cup_0_0" / "..", "--out", tmp_path, "--align", "none") == 0
+    layers = [layer.dxf.name for layer in readfile(tmp_path / "patterns.dxf").layers]
+    assert sum(name.endswith("_SEW") for name in layers) == 15
+
+
+def test_a_right_cup_is_drawn_as_a_left_one(tmp_path: Path):
+    cup, line = made_cup(65.0, 1.0)
+    for side in ("left", "right"):
+        write_fit(tmp_path / side, cup, line, side)
+    left, right = (stored_fit(tmp_path / side) for side in ("left", "right"))
+    assert left is not None
+    assert right is not None
+    assert run(sizes, tmp_path, "--sizes", 1, "--out", tmp_path / "out") == 0
+    assert [float(row["error_mm"]) for row in table(tmp_path / "out" / "members.csv")] == pytest.approx(
+        [0, 0], abs=1e-4
+    )
+    for one, other in zip(pattern_of(left, "1").pieces, pattern_of(right, "1").pieces, strict=True):
+        np.testing.assert_allclose(one.cut_outline(), other.cut_outline())
+
+
+def test_a_real_fit_is_made_again_to_the_last_thousandth(tmp_path: Path):
+    result = brafit.fit(sample_paths()[0], settings=["scan.points=200", "pattern.report=false", "pattern.meshes=[]"])
+    result.save(tmp_path / "scan")
+    stored = stored_fit(tmp_path / "scan")
+    assert stored is not None
+    np.testing.assert_allclose(shape_of(stored).edges.numpy(), result.shape.edges.numpy(), atol=1e-6)
+    for piece, own in zip(pattern_of(stored, "1").pieces, result.patterns().pieces, strict=True):
+        for line, before in zip(piece.sew, own.sew, strict=True):
+            assert line.length == pytest.approx(before.length, abs=1e-3)
+        assert {notch.name for notch in piece.notches} == {notch.name for notch in own.notches}

@@ -1,0 +1,151 @@
+"""Nests: what lies on one point, and what independent readers find in the files."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+import svgelements
+from ezdxf.filemanagement import readfile
+from patterns import pattern, program
+
+from brafit.pattern import Pattern
+from brafit.pattern.marks import MATCH_POINT
+from brafit.sizing.drawing import FILES, nest_dxf, nest_svg, write_nest
+from brafit.sizing.nest import ALIGNS, HUES, Align, anchor, nested
+
+SIZES = ("1", "2", "3")
+INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
+
+
+def three() -> list[Pattern]:
+    """The same cup with growing ease: three sizes whose pieces have the same names."""
+    eases = ({"width": 0.0, "height": 0.0}, {"width": 4.0, "height": 4.0}, {"width": 9.0, "height": 9.0})
+    return [pattern(size=size, ease=ease) for size, ease in zip(SIZES, eases, strict=True)]
+
+
+def lengths(one: Pattern) -> list[float]:
+    return sorted(line.length for piece in one.pieces for line in piece.sew)
+
+
+@pytest.mark.parametrize("align", ["apex", "wire"])
+def test_pieces_lie_on_one_point_and_are_not_turned(align: Align):
+    """All sizes are the same cup made larger about the common point: so their lines are, about it."""
+    sizes = three()
+    nest = nested(sizes, align)
+    for place, piece in enumerate(sizes[0].pieces):
+        own = [layer.pieces[place] for layer in nest.layers]
+        assert {name for name, _ in own} == {piece.name}
+        lower = [strokes[1].curves[0] for _, strokes in own]  # after the cut line
+        fixed = [curve.start + anchor(one.pieces[place], align) - one.pieces[place].sew[0].curve.start
+                 for curve, one in zip(lower, sizes, strict=True)]  # fmt: skip
+        np.testing.assert_allclose(fixed, np.broadcast_to(fixed[0], (3, 2)), atol=1e-9)
+        for curve, ease in zip(lower, (1.0, 1.04, 1.09), strict=True):
+            np.testing.assert_allclose((curve.end - curve.start) / ease, lower[0].end - lower[0].start, atol=1e-6)
+
+
+def test_apex_notches_meet_and_wires_inner_ends_do():
+    sizes = three()
+    for one in sizes:
+        for piece in one.pieces:
+            notch = next(notch for notch in piece.notches if notch.name == MATCH_POINT)
+            np.testing.assert_allclose(anchor(piece, "apex"), notch.foot)
+            np.testing.assert_allclose(anchor(piece, "wire"), piece.sew[0].curve.start)
+
+
+@pytest.mark.parametrize("align", ALIGNS)
+def test_everything_lies_on_the_sheet(align: Align):
+    nest = nested(three(), align)
+    points = np.concatenate(
+        [
+            curve.polyline(0.1)
+            for layer in nest.layers
+            for _, strokes in layer.pieces
+            for s in strokes
+            for curve in s.curves
+        ]
+    )
+    assert (points.min(0) > -1e-6).all()
+    assert (points.max(0) < (nest.width + 1e-6, nest.height + 1e-6)).all()
+
+
+def test_side_by_side_no_pieces_meet():
+    from shapely import Polygon
+
+    nest = nested(three(), "none")
+    cuts = [strokes[0].curves for layer in nest.layers for _, strokes in layer.pieces]
+    shapes = [Polygon(np.concatenate([curve.polyline(0.1) for curve in curves])) for curves in cuts]
+    assert len(shapes) == 6
+    assert all(a.distance(b) > 5 for i, a in enumerate(shapes) for b in shapes[:i])
+
+
+def test_colours_differ_as_far_as_there_are_any():
+    many = nested([pattern(panels=1, size=str(k)) for k in range(HUES)], "none")
+    assert len({layer.colour for layer in many.layers}) == HUES
+    assert len({layer.colour_index for layer in many.layers}) == HUES
+
+
+def test_svg_has_a_layer_a_size_at_true_size():
+    sizes = three()
+    data = nest_svg(nested(sizes), "a title <&>", "note")
+    root = ET.fromstring(data)
+    layers = [g for g in root if g.get(f"{INKSCAPE}groupmode") == "layer"]
+    assert [g.get(f"{INKSCAPE}label") for g in layers] == list(SIZES)
+    colours = [{path.get("stroke") for path in g.iter("{http://www.w3.org/2000/svg}path")} for g in layers]
+    assert all(len(own) == 1 for own in colours)
+    assert len(set.union(*colours)) == 3
+    for layer, one in zip(layers, sizes, strict=True):
+        paths = [path for path in layer.iter("{http://www.w3.org/2000/svg}path") if path.get("class") == "sew"]
+        found = sorted(svgelements.Path(path.get("d")).length(error=1e-6) for path in paths)
+        np.testing.assert_allclose(found, lengths(one), atol=0.01)
+    assert float(root.get("width", "").removesuffix("mm")) == pytest.approx(float(root.get("viewBox", "").split()[2]))
+    square = next(e for e in root.iter("{http://www.w3.org/2000/svg}rect") if e.get("id") == "control-square")
+    assert (square.get("width"), square.get("height")) == ("100", "100")
+
+
+def test_dxf_has_layers_of_every_size_in_millimetres(tmp_path: Path):
+    sizes = three()
+    (tmp_path / "nest.dxf").write_bytes(nest_dxf(nested(sizes)))
+    read = readfile(tmp_path / "nest.dxf")
+    assert not read.audit().errors
+    colours = {layer.dxf.name: layer.dxf.color for layer in read.layers}
+    assert len({colours[f"S_{size}"] for size in SIZES}) == 3
+    for size, one in zip(SIZES, sizes, strict=True):
+        lines = read.modelspace().query(f'POLYLINE[layer=="S_{size}_SEW"]')
+        found = [np.array([v.dxf.location for v in line.vertices]) for line in lines]  # type: ignore[attr-defined]
+        measured = sorted(float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()) for points in found)
+        np.testing.assert_allclose(measured, lengths(one), atol=0.05)
+        assert len(read.modelspace().query(f'POLYLINE[layer=="S_{size}"]')) == 2
+        assert colours[f"S_{size}_SEW"] == colours[f"S_{size}"]
+
+
+def test_pdf_is_one_page_at_true_size(tmp_path: Path):
+    import subprocess
+
+    nest = nested(three())
+    write_nest(tmp_path, nest, "title")
+    assert sorted(file.name for file in tmp_path.iterdir()) == sorted(FILES)
+    told = subprocess.run([program("pdfinfo"), tmp_path / FILES[2]], capture_output=True, text=True, check=True).stdout
+    root = ET.fromstring((tmp_path / FILES[0]).read_bytes())
+    words = next(line for line in told.splitlines() if line.startswith("Page size")).split()
+    assert "Pages:           1" in told
+    sizes = [float(root.get(key, "").removesuffix("mm")) for key in ("width", "height")]
+    np.testing.assert_allclose([float(words[2]) / 72 * 25.4, float(words[4]) / 72 * 25.4], sizes, atol=0.2)
+
+
+def test_names_of_any_letters_are_kept_apart(tmp_path: Path):
+    nest = nested([pattern(size="größe"), pattern(size="größt"), pattern(size="a" * 60), pattern(size="a" * 61)])
+    (tmp_path / "nest.dxf").write_bytes(nest_dxf(nest))
+    names = {layer.dxf.name for layer in readfile(tmp_path / "nest.dxf").layers if layer.dxf.name.endswith("_SEW")}
+    assert len(names) == 4
+    drawn = svgelements.SVG.parse(str(_written(tmp_path / "nest.svg", nest_svg(nest, "x"))))
+    assert drawn.width > 100
+    with pytest.raises(ValueError, match="at least one pattern"):
+        nested([])
+
+
+def _written(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path
