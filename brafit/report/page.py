@@ -56,8 +56,8 @@ class ScanPage:
     shape: CupShape
     papers: Sequence[PaperPanel]
     gap: float
-    points: Float[ndarray, "n 3"]
-    distances: Float[ndarray, " n"]
+    points: Float[ndarray, "seen 3"]
+    distances: Float[ndarray, " seen"]
     pattern: Pattern
     drawing: bytes
     dimensions: Sequence[Dimension]
@@ -242,8 +242,8 @@ def _data(
     side: Side,
     shape: CupShape,
     papers: Sequence[PaperPanel],
-    points: Float[ndarray, "n 3"],
-    distances: Float[ndarray, " n"],
+    points: Float[ndarray, "seen 3"],
+    distances: Float[ndarray, " seen"],
     limit: float,
 ) -> str:
     """What the viewer draws, as JSON: the viewer looks along -z with y up."""
