@@ -213,10 +213,7 @@ def surfaces_of(
             batch = own[k : k + BATCH]
             try:
                 points = corresponding(_shapes(batch, stations=STATIONS).edges.numpy())
-                causes = [
-                    "" if good else "its numbers make no cup"
-                    for good in np.isfinite(points.reshape(len(points), -1)).all(axis=1)
-                ]
+                causes = ["" if np.isfinite(one).all() else "its numbers make no cup" for one in points]
             except (BrafitError, ValueError, RuntimeError, TypeError) as error:
                 points, causes = found[0], [str(error)] * len(batch)
             for fit, cause in zip(batch, causes, strict=True):

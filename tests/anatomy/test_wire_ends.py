@@ -32,7 +32,8 @@ def test_deeper_breasts_have_their_ends_farther_back(back: float) -> None:
 
 def test_an_end_that_runs_on_behind_the_breast_is_told() -> None:
     """Of a usual wire nothing is said; with its outer end drawn back by 45 mm, that end is, and only that."""
-    body = Body(*np.eye(3), 0.0)
+    right, up, front = np.eye(3)
+    body = Body(right, up, front, 0.0)
     apex = np.array([100.0, 0.0, 0.0])
     wire = usual_wire(40.0)
     assert off_usual(wire @ BREAST_FRAME.T).max() < 12
