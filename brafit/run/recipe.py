@@ -154,11 +154,20 @@ def _panels_of(settings: Mapping[str, Any]) -> tuple[dict[str, Any], float | Non
     return cup | {"panels": FEWEST}, float(tolerance)
 
 
+def maker_of(settings: Mapping[str, Any]) -> Callable[..., Any]:
+    """What makes the cups of their wires, by the settings of `cup`.
+
+    Raises:
+        ConfigError: they are not what its `_target_` takes.
+    """
+    return made({**_panels_of(settings)[0], "_partial_": True}, "cup")
+
+
 def _cup_of(settings: Mapping[str, Any]) -> Callable[..., Any]:
     """What makes the cups of their wires, tried with one."""
     from brafit.cup import Cup, Wire
 
-    maker = made({**settings, "_partial_": True}, "cup")
+    maker = maker_of(settings)
     try:
         cup = maker(Wire.from_arc(*_TRIAL))
     except (ValueError, TypeError, OSError, LookupError) as error:

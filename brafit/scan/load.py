@@ -387,7 +387,7 @@ def _notes(
         guess = "off the crease" if breast.wire_origin.startswith("size") else "guessed, no crease shows there"
         share = "" if breast.guessed is None else f" ({100 * breast.guessed:.0f} % of it {guess})"
         notes.append(f"{how}{share}: look at them, brafit-inspect draws them")
-    if proposed and not chosen:
+    if not chosen and (proposed or len(marked.breasts) > 1):
         notes.append(f"the {breast.marks.side} breast alone is fitted: scan.side=both fits both")
     return tuple(f"{marked.cloud.path.name}: {note}" for note in notes)
 

@@ -21,6 +21,7 @@ from brafit.errors import BrafitError, InputError
 from brafit.geometry.development import FlatPanel
 from brafit.naming import on_disk
 from brafit.pattern import Pattern, PatternOptions, deepest_point, finish, marks_on, pieces_from_panels
+from brafit.run.recipe import AUTO, maker_of
 from brafit.run.store import read_fit
 from brafit.settings.entries import made
 from brafit.sizing.surface import ACROSS, ALONG, corresponding
@@ -112,6 +113,7 @@ def _read(folder: Path, content: Mapping[str, Any]) -> StoredFit:
     parameters = [np.asarray(value, float).ravel() for value in content["parameters"].values()]
     wire, settings, given = content["wire"], content["settings"], content.get("landmarks", {})
     marks = {key: np.asarray(given[key], float) for key in ("apex", "strap_point") if given.get(key) is not None}
+    own = {"cup": _own_panels(settings["cup"], content), "pattern": settings["pattern"]}
     stored = StoredFit(
         folder=folder,
         name=str(content["scan"]),
@@ -119,7 +121,9 @@ def _read(folder: Path, content: Mapping[str, Any]) -> StoredFit:
         flat=np.concatenate(parameters),
         series=np.asarray(wire["series"], float).reshape(-1, 3),
         scale=float(wire["mm_per_unit"]),
-        settings=json.dumps({group: settings[group] for group in ("cup", "pattern")}, sort_keys=True),
+        settings=json.dumps(
+            {"cup": _own_panels(settings["cup"], content), "pattern": settings["pattern"]}, sort_keys=True
+        ),
         figures={key: float(v) for key, v in content.items() if isinstance(v, int | float) and not isinstance(v, bool)},
         wire_name=str(content.get("nearest_wire") or ""),
         marks=marks,
@@ -128,6 +132,11 @@ def _read(folder: Path, content: Mapping[str, Any]) -> StoredFit:
     if not (np.isfinite(stored.flat).all() and np.isfinite(stored.series).all() and stored.scale > 0):
         raise ValueError("numbers are missing")
     return stored
+
+
+def _own_panels(cup: dict[str, Any], content: dict[str, Any]) -> dict[str, Any]:
+    """Settings of `cup` with the number of panels that the scan got, where `cup.panels=auto` left it open."""
+    return cup | {"panels": len(content["parameters"]["angle"])} if cup.get("panels") == AUTO else cup
 
 
 def read_fits(
@@ -163,7 +172,7 @@ def _made(settings: str) -> tuple[Callable[..., Cup], PatternOptions]:
         ConfigError: they need what is not here, such as a module from outside of brafit.
     """
     groups = json.loads(settings)
-    return made({**groups["cup"], "_partial_": True}, "cup"), made(groups["pattern"], "pattern")
+    return maker_of(groups["cup"]), made(groups["pattern"], "pattern")
 
 
 def _cup(fits: Sequence[StoredFit], **more: Any) -> Cup:
