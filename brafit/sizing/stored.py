@@ -121,9 +121,7 @@ def _read(folder: Path, content: Mapping[str, Any]) -> StoredFit:
         flat=np.concatenate(parameters),
         series=np.asarray(wire["series"], float).reshape(-1, 3),
         scale=float(wire["mm_per_unit"]),
-        settings=json.dumps(
-            {"cup": _own_panels(settings["cup"], content), "pattern": settings["pattern"]}, sort_keys=True
-        ),
+        settings=json.dumps(own, sort_keys=True),
         figures={key: float(v) for key, v in content.items() if isinstance(v, int | float) and not isinstance(v, bool)},
         wire_name=str(content.get("nearest_wire") or ""),
         marks=marks,
@@ -134,7 +132,7 @@ def _read(folder: Path, content: Mapping[str, Any]) -> StoredFit:
     return stored
 
 
-def _own_panels(cup: dict[str, Any], content: dict[str, Any]) -> dict[str, Any]:
+def _own_panels(cup: dict[str, Any], content: Mapping[str, Any]) -> dict[str, Any]:
     """Settings of `cup` with the number of panels that the scan got, where `cup.panels=auto` left it open."""
     return cup | {"panels": len(content["parameters"]["angle"])} if cup.get("panels") == AUTO else cup
 
