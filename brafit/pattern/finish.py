@@ -319,9 +319,8 @@ def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number:
     allowance = next(iter(allowances.values())) if same else ", ".join(f"{k} {v}" for k, v in allowances.items())
     casing = options.wire["casing"] if "wire" in kinds else 0.0
     ease = ", ".join(f"{way} {value:+g} %" for way, value in options.ease.items() if value)
-    count = options.quantity
     lines = [piece.name, number, name, f"{side} cup", options.size and f"size {options.size}"]
-    lines += [f"cut {count}" + (f" + {count} mirrored" * options.pair)]
+    lines += [f"cut {options.quantity}"]  # of a pair both sides are drawn, and each says so for itself
     lines += [f"allowance {allowance}", f"casing {options.length(casing)} more" if casing else ""]
     lines += [f"ease {ease}" if ease else "no ease", date]
     return tuple(" ".join(line.split()) for line in lines if line.strip())

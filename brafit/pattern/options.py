@@ -40,7 +40,7 @@ class PatternOptions:
             over the wire (bought channelling needs none); `play`, by how much the channel is longer than the wire at
             each end, where notches mark the wire's ends; `spring`, by how much the worn wire is opened from end to end.
         pair: whether the pieces for the other side are drawn as well.
-        quantity: how often each piece is to be cut.
+        quantity: how often each piece that is drawn is to be cut.
         size: name of the size, for labels and block names; empty: the scan's name.
         units: unit of labels, tables and DXF files, of `UNITS`.
         paper: paper of the tiled PDF, of `PAPERS`.

@@ -138,11 +138,21 @@ def legend(patterns: Sequence[Pattern], at: Float[ndarray, "2"], room: float = R
     for sample, words in _rows(pieces, options):
         items += [sample(y), text(words, 22, y, _TEXT, room=room - 22)]
         y -= _ROW
-    count = f"{len(pieces)} piece{'s' * (len(pieces) > 1)}"
-    for words in ("right side of the cloth up", count):
+    for words in ("right side of the cloth up", *_contents(patterns)):
         items.append(text(words, 0, y, _TEXT, room=room))
         y -= _ROW
     return shifted((replace(item, layer=INFO, group="legend") for item in items), at), -y - _ROW / 2
+
+
+def _contents(patterns: Sequence[Pattern]) -> list[str]:
+    """Size, sides and number of the pieces that are drawn, and how often each is cut."""
+    options, sizes = patterns[0].options, {pattern.options.size for pattern in patterns}
+    columns = [column for pattern in patterns for column in pattern.drawn]
+    sides = sorted({piece.side for column in columns for piece in column})
+    count = sum(map(len, columns))
+    words = f"{' and '.join(sides)} cup, {count} piece{'s' * (count > 1)}"
+    words += f", cut each {options.quantity} times" * (options.quantity > 1)
+    return [f"size {size}" for size in sizes if size and len(sizes) == 1] + [words]
 
 
 def _rows(pieces: Sequence[CutPiece], options: PatternOptions) -> list[tuple[Callable[[float], Item], str]]:

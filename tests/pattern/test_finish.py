@@ -212,8 +212,10 @@ def test_grain_line_and_label_are_on_the_piece(grain):
 
 def test_labels_say_what_a_cutter_needs():
     pattern = lunes(size="75B", pair=True, quantity=2, allowance=allowance(8, 6, 6))
-    about = ("size 75B", "cut 2 + 2 mirrored", "allowance wire 8.0 mm, ridge 6.0 mm", "no ease", "2001-02-03")
+    about = ("size 75B", "cut 2", "allowance wire 8.0 mm, ridge 6.0 mm", "no ease", "2001-02-03")
     assert pattern.pieces[0].label.lines == ("lower panel", "piece 1 of 2", "lune", "left cup", *about)
+    mirrored = pattern.drawn[1][0].label.lines
+    assert mirrored == ("lower panel", "piece 1 of 2", "lune", "right cup", *about), "both sides cut as often"
     assert sum("lune" in line for line in lunes().pieces[1].label.lines) == 1, "the name stands there once"
     inches = lunes(units="inch").pieces[0]
     assert "allowance 0.24 in" in inches.label.lines

@@ -5,6 +5,9 @@ from check_pages import sheet_figures
 from patterns import pattern, small
 
 from brafit.pattern import write_svg
+from brafit.pattern.drawing import Words
+from brafit.pattern.pages import paper_pages
+from brafit.pattern.sheet import sheet_page
 
 
 @pytest.mark.parametrize("panels", [1, 2, 3])
@@ -27,3 +30,18 @@ def test_what_overlaps_is_found(tmp_path):
     figures = sheet_figures(tmp_path / "p.svg")
     assert figures["sheet: texts or marks that overlap"] > 0
     assert figures["sheet: labels not on their piece"] == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, "left cup, 2 pieces"),
+        ({"pair": True}, "left and right cup, 4 pieces"),
+        ({"pair": True, "quantity": 3}, "left and right cup, 4 pieces, cut each 3 times"),
+    ],
+)
+def test_cover_and_sheet_say_which_sides_and_what_size_are_drawn(options, words):
+    made = pattern(size="75B", **options)
+    for page in (paper_pages([made], "lune")[0], sheet_page([made], "lune")):
+        info = {item.text for item in page.items if isinstance(item, Words) and item.layer == "info"}
+        assert {words, "size 75B"} <= info
