@@ -292,6 +292,6 @@ def result_files(folder: Path) -> set[str]:
 
 def _notches(piece: Any) -> list[dict[str, Any]]:
     return [
-        {"edge": n.edge, "mark": n.name or "notch", "from_inner_end": n.distance, "cuts": len(n.ticks)}
+        {"edge": n.edge, "mark": n.name or "notch", "from_inner_end": n.distance, "cuts": len(n.ticks) * n.is_cut}
         for n in piece.notches
     ]

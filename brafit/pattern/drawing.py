@@ -188,13 +188,15 @@ def drawn(piece: CutPiece, group: str, series: str = "") -> list[Item]:
 
 
 def notch_mark(notch: Notch) -> Stroke:
-    """A notch as it is cut."""
+    """A notch as it is cut; one that is only drawn is on the layer of the texts, which no machine cuts."""
     depth = float(np.linalg.norm(notch.ticks[0, 1] - notch.ticks[0, 0]))
     about = {"edge": notch.edge, "distance-mm": f"{notch.distance:.3f}", "depth-mm": f"{depth:.3f}"}
     about["width-mm"] = f"{notch.width:.3f}"
     places = tuple((root, float(np.degrees(np.arctan2(*(inner - root)[::-1])))) for root, inner in notch.ticks)
     name = notch.name or f"{notch.edge} notch"
     paths = tuple(line_of(points) for points in notch.strokes)
+    if not notch.is_cut:
+        return Stroke("text", "mark", "tick", paths, name=name, about={"edge": notch.edge})
     return Stroke("notch", "mark", f"notch {notch.form}", paths, name=name, place=places, about=about)
 
 

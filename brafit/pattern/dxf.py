@@ -26,8 +26,8 @@ from brafit.pattern.piece import layout_columns
 TOLERANCE = 0.01
 """How far (mm) the polylines may lie from the curves."""
 LAYERS = {
-    "cut": "1", "turn": "2", "curve": "3", "notch": "4", "grain": "7", "drill": "13", "sew": "14", "annotation": "15",
-    "T-notch": "80",
+    "cut": "1", "turn": "2", "curve": "3", "notch": "4", "grain": "7", "tick": "8", "drill": "13", "sew": "14",
+    "annotation": "15", "T-notch": "80",
 }  # fmt: skip
 """Numbers of the layers that are used, by what they hold; the texts of pieces and style are on the cut line's."""
 CONTROL, GAP = 100.0, 10.0
@@ -113,6 +113,8 @@ def _piece(piece: CutPiece, pattern: Pattern, name: str, scale: float) -> str:
 
 def _stroke(stroke: Stroke, scale: float) -> list[str]:
     """Marks are points; of the grain line only the line itself; lines from texts to what they name are left out."""
+    if stroke.role == "tick":  # an internal line: drawn, not cut
+        return [_line(np.stack((line.start, line.end)) * scale, "tick") for (line,) in stroke.paths]
     if stroke.layer == "cut":
         return _outline(stroke.paths[0], scale)
     if stroke.layer == "sew":

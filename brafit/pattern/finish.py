@@ -116,8 +116,7 @@ class CutPiece:
         """The piece for the other side."""
         other: Side = "left" if self.side == "right" else "right"
         moved = self.map(lambda points: points * (-1.0, 1.0))
-        lines = tuple(line.replace(f"{self.side} cup", f"{other} cup") for line in moved.label.lines)
-        return replace(moved, side=other, label=replace(moved.label, lines=lines))
+        return replace(moved, side=other, label=_for_side(moved.label, self.side, other))
 
 
 @dataclass(frozen=True)
@@ -296,11 +295,14 @@ def _finish(
     named = [(notch.name, notch.foot, notch.inward) for notch in notches if notch.name]
     inner = [(hole.name, hole.point) for hole in holes]
     captions = place_captions(sight, eased, named, inner, (grain_name(options), grain))
-    label = place_label(sight, _label(piece, options, *names), _wrapped(warnings))
+    name, side, number, date = names
+    widest: Side = "right" if options.pair else side  # the label of the mirrored piece needs its room too
+    label = place_label(sight, _label(piece, options, name, widest, number, date), _wrapped(warnings))
+    label = _for_side(label, widest, side)
     sew = tuple(SewLine(e.name, e.kind, c, w) for e, c, w in zip(piece.edges, eased, widths, strict=True))
     return CutPiece(
         name=piece.name,
-        side=names[1],
+        side=side,
         sew=sew,
         cut=tuple(cut),
         notches=tuple(notches),
@@ -324,6 +326,10 @@ def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number:
     lines += [f"allowance {allowance}", f"casing {options.length(casing)} more" if casing else ""]
     lines += [f"ease {ease}" if ease else "no ease", date]
     return tuple(" ".join(line.split()) for line in lines if line.strip())
+
+
+def _for_side(label: Label, side: Side, other: Side) -> Label:
+    return replace(label, lines=tuple(line.replace(f"{side} cup", f"{other} cup") for line in label.lines))
 
 
 def _wrapped(warnings: Sequence[str]) -> tuple[str, ...]:

@@ -14,6 +14,8 @@ from brafit.pattern.curve import Curve, right_of
 from brafit.pattern.options import PatternOptions
 from brafit.pattern.piece import Kind
 
+MARK = "mark"
+"""The form of a notch on an edge without allowance: a drawn tick, as a cut would be in the finished piece."""
 _DOUBLE = 3.0
 """Distance in mm of the two cuts of a double notch, and what is left between wide ones."""
 _APART = 15.0
@@ -28,9 +30,9 @@ class Notch:
         edge: name of its edge.
         name: of the landmark it stands for; empty for a matching notch.
         distance: from the edge's inner end along the edge, before ease, mm.
-        ticks: for each cut its outer end (on the cut line) and its inner end.
+        ticks: for each cut or drawn tick its outer end (on the cut line) and its inner end.
         foot: where it meets the sewing line.
-        form, width: how it is cut, see `PatternOptions.notch_form`; mm.
+        form, width: how it is cut, see `PatternOptions.notch_form`, or `MARK`; mm.
     """
 
     edge: str
@@ -40,6 +42,10 @@ class Notch:
     foot: Float[ndarray, "2"]
     form: str = "slit"
     width: float = 0.0
+
+    @property
+    def is_cut(self) -> bool:
+        return self.form != MARK
 
     @property
     def inward(self) -> Float[ndarray, "2"]:
@@ -109,7 +115,8 @@ def notches_on(
     """
     if not places:
         return []
-    form, wide = options.notch_form, 0.0 if options.notch_form == "slit" else options.notch_width
+    form = options.notch_form if width > 0 else MARK
+    wide = options.notch_width if form in ("v", "t") else 0.0
     curve, eased = curves
     depth = min(options.notch_depth, 2 * width / 3) if width > 0 else options.notch_depth
     half = (_DOUBLE + wide) / 2

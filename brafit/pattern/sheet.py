@@ -171,11 +171,10 @@ def _rows(pieces: Sequence[CutPiece], options: PatternOptions) -> list[tuple[Cal
         ("wire end", "wire end: the channel goes on"),
     ):
         if name in names:
-            rows.append((_notch_key(options, 1), words))
-    if any(not notch.name and len(notch.ticks) == 1 for notch in notches):
-        rows.append((_notch_key(options, 1), "notch, nearer the centre front"))
-    if any(len(notch.ticks) == 2 for notch in notches):
-        rows.append((_notch_key(options, 2), "double notch, nearer the side seam"))
+            rows += _notch_rows([notch for notch in notches if notch.name == name], words, options)
+    for count, words in ((1, "notch, nearer the centre front"), (2, "double notch, nearer the side seam")):
+        own = [notch for notch in notches if not notch.name and len(notch.ticks) == count]
+        rows += _notch_rows(own, words, options)
     words = "direction of greatest stretch" if options.stretch else grain_name(options)
     rows.append((lambda y: arrow(np.array(((0.0, y), (18.0, y))), INFO), words))
     return rows
@@ -185,12 +184,23 @@ def _key(pen: str, role: str) -> Callable[[float], Item]:
     return lambda y: Stroke(INFO, pen, role, (line_of(((0.0, y), (18.0, y))),))
 
 
-def _notch_key(options: PatternOptions, count: int) -> Callable[[float], Item]:
+def _notch_rows(
+    notches: Sequence[Notch], words: str, options: PatternOptions
+) -> list[tuple[Callable[[float], Item], str]]:
+    """A row for each form that notches of one meaning have."""
+    forms = {notch.form: notch for notch in notches}
+    return [
+        (_notch_key(notch, options.notch_depth), words if notch.is_cut else f"{words} (drawn, not cut)")
+        for notch in forms.values()
+    ]
+
+
+def _notch_key(notch: Notch, depth: float) -> Callable[[float], Item]:
     def sample(y: float) -> Item:
-        width = 0.0 if options.notch_form == "slit" else options.notch_width
+        width, count = notch.width, len(notch.ticks)
         apart = (width + 3.0) / 2 if count > 1 else 0.0
         roots = np.array([(10.0 + x, y + 1.5) for x in ({-apart, apart})])
-        ticks = np.stack((roots, roots - (0.0, min(options.notch_depth, 3.0))), axis=1)
-        return notch_mark(Notch("", "", 0.0, ticks, roots[0], options.notch_form, min(width, 5.0)))
+        ticks = np.stack((roots, roots - (0.0, min(depth, 3.0))), axis=1)
+        return notch_mark(Notch("", "", 0.0, ticks, roots[0], notch.form, min(width, 5.0)))
 
     return sample

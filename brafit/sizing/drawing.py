@@ -23,7 +23,7 @@ MARGIN, GAP, CONTROL, LINE = 12.0, 12.0, 100.0, 6.0
 """Border, distance of the drawing from what is below it, side of the control square, height of a legend's line; mm."""
 TOLERANCE = 0.01
 """How far (mm) DXF's polylines may lie from the curves."""
-WIDTHS = {"cut": 0.35, "sew": 0.25, "notch": 0.35, "drill": 0.35, "grain": 0.2}
+WIDTHS = {"cut": 0.35, "sew": 0.25, "notch": 0.35, "drill": 0.35, "grain": 0.2, "text": 0.2}
 DASHES = {"sew": (4.0, 1.5), "grain": (8.0, 1.5, 1.5, 1.5)}
 """Widths and dashes of lines, mm."""
 ABOUT = ("units: mm, true size (1:1)", "solid: cut line; dashed: sewing line", "right side of the cloth up")

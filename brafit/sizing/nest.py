@@ -30,7 +30,7 @@ class Stroke:
     """One line of a drawing, mm.
 
     Attributes:
-        kind: `cut`, `sew`, `notch`, `drill` or `grain`.
+        kind: `cut`, `sew`, `notch`, `drill`, `grain`, or `text` for ticks that are drawn and not cut.
         curves: one after another.
         closed: whether the end is joined to the start.
     """
@@ -176,7 +176,9 @@ def _size(piece: CutPiece, name: str, k: int, count: int, align: Align) -> Words
 def _strokes(piece: CutPiece) -> tuple[Stroke, ...]:
     strokes = [Stroke("cut", piece.cut, closed=True)]
     strokes += [Stroke("sew", (line.curve,)) for line in piece.sew]
-    strokes += [Stroke("notch", (Curve.line(*line),)) for notch in piece.notches for line in notch.strokes]
+    for notch in piece.notches:
+        kind = "notch" if notch.is_cut else "text"
+        strokes += [Stroke(kind, (Curve.line(*line),)) for line in notch.strokes]
     for hole in piece.holes:
         strokes += [Stroke("drill", (Curve.line(hole.point - d, hole.point + d),)) for d in _DOT * np.eye(2)]
     if np.linalg.norm(piece.grain[1] - piece.grain[0]) > 0:

@@ -83,6 +83,19 @@ def test_notches_with_a_bar_have_the_layer_of_t_notches(tmp_path):
         assert (counts["80"], counts["4"]) == (sum(len(notch.ticks) for notch in piece.notches), 0)
 
 
+def test_ticks_on_an_edge_without_allowance_are_drawn_lines(tmp_path):
+    made = pattern(notch_form="t", allowance={"wire": 6.0, "ridge": 6.0, "upper": 0.0})
+    write_dxf(tmp_path / "p.dxf", [made], "lune")
+    found = blocks(read(tmp_path / "p.dxf"))
+    for piece in made.pieces:
+        block = found[f"{piece.name.upper().replace(' ', '_')}_LUNE"]
+        cuts = sum(len(notch.ticks) for notch in piece.notches if notch.is_cut)
+        ticks = sum(len(notch.ticks) for notch in piece.notches if not notch.is_cut)
+        assert len(block.query('POINT[layer=="80"]')) == cuts
+        assert len(block.query('LINE[layer=="8"]')) == ticks
+    assert ticks == 1, "the strap point of the upper panel"
+
+
 def test_several_sizes_lie_apart_in_one_file(tmp_path):
     made = [pattern(size="75B"), pattern(size="80C", name="other"), pattern(size="75B", pair=True)]
     write_dxf(tmp_path / "p.dxf", made, "nest")

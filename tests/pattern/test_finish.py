@@ -10,6 +10,7 @@ from shapely import LineString, Point, Polygon
 from brafit.errors import ConfigError
 from brafit.geometry.development import FlatPanel
 from brafit.pattern import CutPiece, Pattern, PatternOptions, Side, finish, marks_on, pieces_from_panels
+from brafit.pattern.drawing import Stroke, drawn
 from brafit.pattern.piece import Mark
 
 HALF = RADIUS * np.pi / 2
@@ -149,6 +150,21 @@ def test_notches_begin_on_the_cut_line_and_stay_off_the_sewing_line():
                 depth = np.linalg.norm(end - root)
                 assert depth == pytest.approx(min(4.0, 2 * width / 3), abs=1e-6)
                 assert sewn.distance(Point(*end)) == pytest.approx(width - depth, abs=0.02)
+
+
+@pytest.mark.parametrize("form", ["slit", "v", "t"])
+def test_edges_without_allowance_get_no_cut(form):
+    """Not even near the edge: nothing that is cut lies in the finished piece."""
+    for widths in ((6, 6, 0), (0, 6, 6), (0, 0, 0)):
+        for piece in lunes(allowance=allowance(*widths), notch_form=form).pieces:
+            sewn = Polygon(piece.sew_outline(1e-4)).buffer(-0.02)
+            cut = [notch for notch in piece.notches if notch.is_cut]
+            assert not any(sewn.intersects(LineString(line)) for notch in cut for line in notch.strokes)
+            bare = {line.name for line in piece.sew if line.allowance == 0}
+            assert {notch.edge for notch in piece.notches if not notch.is_cut} == bare & {n.edge for n in piece.notches}
+            layers = {item.role: item.layer for item in drawn(piece, "p") if isinstance(item, Stroke)}
+            assert layers.get("tick", "text") == "text"
+            assert ("tick" in layers) == bool(bare)
 
 
 def test_landmarks_are_marked_where_they_lie():
