@@ -10,13 +10,15 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 from numpy import ndarray
-from shapely import Polygon
+from shapely import LineString, Polygon
 
 from brafit.pattern.curve import Curve
 from brafit.pattern.label import LEVEL, Caption, Sight, box_corners, polygons, text_width
 
 INNER, OUTER = "centre front", "side seam"
 """What the cup's inner and outer ends are called."""
+_LEADER_STARTS = ((-0.47, 0.0), (0.47, 0.0), *((x, y) for x in (-0.35, -0.2, 0.0, 0.2, 0.35) for y in (-0.5, 0.5)))
+"""Where a leader may begin, in widths and heights of the text from its middle."""
 _CAPTIONS = (2.8, 2.4, 2.0)
 """Heights of letters in mm that captions are tried in."""
 
@@ -74,12 +76,16 @@ def _first(sight: Sight, words: str, places: Callable[[str, float], Sequence[_Pl
         boxes = polygons(box_corners(group.at, along, text_width(words, size), size))
         free = sight.free(boxes) & shapely.contains(sight.cut if group.within is None else group.within, boxes)
         if group.led:
-            free &= sight.passable(group.at, foot)
+            free &= sight.passable(_leader_starts(group.at, along, text_width(words, size), size, foot), foot)
         if free.any():
             k = int(free.argmax())
             caption = Caption(words, group.at[k], along[k], size)
             sight.take(boxes[k].buffer(0.4))
-            return _led(caption, foot) if group.led else caption
+            if not group.led:
+                return caption
+            caption = _led(caption, foot)
+            sight.take(LineString(caption.leader).buffer(0.4))
+            return caption
     return _outside(sight, words, foot)
 
 
@@ -97,10 +103,24 @@ def _outside(sight: Sight, words: str, foot: ndarray) -> Caption:
 
 
 def _led(caption: Caption, foot: ndarray) -> Caption:
-    """With a line from the nearest point of its box to what it names."""
-    corners = caption.corners
-    near = min((*corners, *((corners + np.roll(corners, 1, 0)) / 2)), key=lambda c: float(np.linalg.norm(c - foot)))
+    """With a line from the nearest side of it to what it names."""
+    width = text_width(caption.words, caption.size)
+    (near,) = _leader_starts(caption.at[None], caption.along[None], width, caption.size, foot)
     return replace(caption, leader=np.stack((near, foot)))
+
+
+def _leader_starts(
+    at: Float[ndarray, "n 2"], along: Float[ndarray, "n 2"], width: float, height: float, foot: Float[ndarray, "2"]
+) -> Float[ndarray, "n 2"]:
+    """Where leaders of texts begin: above, below or beside the letters, not at the corners of the box around them,
+    which is rather too wide."""
+    across = np.stack((-along[:, 1], along[:, 0]), axis=-1)
+    starts = np.stack(
+        [at + x * width * along + y * height * across for x, y in _LEADER_STARTS],
+        axis=1,
+    )
+    nearest = np.linalg.norm(starts - foot, axis=2).argmin(1)
+    return starts[np.arange(len(at)), nearest]
 
 
 def _anywhere(foot: ndarray, sight: Sight) -> _Places:

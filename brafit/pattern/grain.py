@@ -6,12 +6,18 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 from numpy import ndarray
-from shapely import Polygon
+from shapely import LineString, Polygon
 
 from brafit.pattern.options import PatternOptions
 from brafit.pattern.piece import Hole
+
+_CLEAR = (4.0, 2.0, 0.0)
+"""Distances in mm that the line keeps from sewing lines, the first that leaves it long enough."""
+_SHORT = 20.0
+"""A line in mm shorter than this is hard to lay along the grain."""
 
 
 def grain_name(options: PatternOptions) -> str:
@@ -20,35 +26,42 @@ def grain_name(options: PatternOptions) -> str:
 
 
 def grain_line(inside: Polygon, angle: float, holes: Sequence[Hole]) -> Float[ndarray, "2 2"]:
-    """Along the grain, off the middle of the piece so that the label has room; four fifths of what fits there."""
+    """Along the grain, off the middle of the piece so that the label has room; four fifths of what fits there.
+
+    It keeps clear of the sewing lines, less so only on a piece that is too narrow.
+    """
     along = np.array((math.cos(math.radians(angle)), math.sin(math.radians(angle))))
-    across = np.array((-along[1], along[0]))
-    outline = np.asarray(inside.exterior.coords)
-    low, high = (outline @ across).min(), (outline @ across).max()
-    best, best_length = np.stack((outline[0], outline[0] + along)), 0.0
-    for share in (0.25, 0.75, 0.32, 0.68):
-        level = low + share * (high - low)
-        if any(abs(hole.point @ across - level) < 6 for hole in holes):
-            continue
-        chord = _longest_chord(outline, along, across, level)
-        length = float(np.linalg.norm(chord[1] - chord[0]))
-        if length > 1.15 * best_length:
-            middle, half = chord.mean(0), min(0.8 * length, 150.0) / 2
-            best, best_length = np.stack((middle - half * along, middle + half * along)), length
+    best = np.stack((np.asarray(inside.exterior.coords)[0],) * 2)
+    for clear in _CLEAR:
+        line = _longest_line(inside, along, clear, holes)
+        if line is not None:
+            best = line
+            if np.linalg.norm(line[1] - line[0]) >= _SHORT:
+                break
     return best
 
 
-def _longest_chord(outline: ndarray, along: ndarray, across: ndarray, level: float) -> Float[ndarray, "2 2"]:
-    """The longest part inside a polygon of the line at `level` across."""
-    side = outline @ across - level
-    i = np.nonzero((side[:-1] < 0) != (side[1:] < 0))[0]
-    share = side[i] / (side[i] - side[i + 1])
-    hits = np.sort((outline[i] + share[:, None] * (outline[i + 1] - outline[i])) @ along)
-    pairs = hits[: len(hits) // 2 * 2].reshape(-1, 2)
-    if len(pairs) == 0:
-        return np.stack((level * across, level * across))
-    ends = pairs[np.diff(pairs, axis=1)[:, 0].argmax()]
-    return ends[:, None] * along + level * across
+def _longest_line(
+    inside: Polygon, along: Float[ndarray, "2"], clear: float, holes: Sequence[Hole]
+) -> Float[ndarray, "2 2"] | None:
+    """The line that keeps `clear` from the sewing lines; None where there is none."""
+    across = np.array((-along[1], along[0]))
+    outline = np.asarray(inside.exterior.coords)
+    low, high = (outline @ across).min(), (outline @ across).max()
+    reach = np.array(((outline @ along).min(), (outline @ along).max()))[:, None] * along
+    room = inside.buffer(-clear)
+    best, best_length = None, 0.0
+    for share in (0.25, 0.75, 0.32, 0.68, 0.5):
+        level = low + share * (high - low)
+        if any(abs(hole.point @ across - level) < 6 for hole in holes):
+            continue
+        chord = max(
+            shapely.get_parts(room.intersection(LineString(reach + level * across))), key=shapely.length, default=None
+        )
+        if chord is not None and chord.length > 1.15 * best_length:
+            middle, half = np.asarray(chord.coords).mean(0), min(0.8 * chord.length, 150.0) / 2
+            best, best_length = np.stack((middle - half * along, middle + half * along)), chord.length
+    return best
 
 
 def too_wide(outline: Float[ndarray, "n 2"], options: PatternOptions) -> str:

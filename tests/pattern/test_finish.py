@@ -200,6 +200,16 @@ def test_drill_hole_only_where_the_apex_falls_on_the_piece():
     np.testing.assert_allclose(hole.point, (np.ptp(on_the_lower.pieces[0].sew_outline()[:, 0]) / 2, 0), atol=0.05)
 
 
+@pytest.mark.parametrize("panels", [2, 3])
+@pytest.mark.parametrize("grain", [0.0, 45.0, 90.0])
+def test_grain_line_keeps_off_sewing_lines_and_leaders_off_the_grain_line(panels, grain):
+    for piece in lunes(panels, grain=grain, apex=APEX + np.array((3.0, 12.0, -12.0))).pieces:
+        line = LineString(piece.grain)
+        assert Polygon(piece.sew_outline(1e-3)).exterior.distance(line) > 3.9
+        leaders = [LineString(c.leader) for c in piece.captions if c.leader is not None]
+        assert all(leader.distance(line) > 1.5 for leader in leaders)
+
+
 def test_ease_stretches_pieces_but_not_allowances():
     plain, eased = lunes(), lunes(ease={"width": -8.0, "height": 5.0})
     for a, b in zip(plain.pieces, eased.pieces, strict=True):
