@@ -67,8 +67,10 @@ def fitted_row(
 
 
 def _wire_to_buy(fit: CupFit, wire: Mapping[str, float]) -> dict[str, Any]:
-    """The wire sold that comes nearest to the one that the cup's wire edge wants, and how it differs from that one: with
-    play or spring not from the wire line itself."""
+    """The wire sold that comes nearest to the one that the cup's wire edge wants, and how it differs from that one.
+
+    With play or spring that is not the wire edge itself.
+    """
     line = fit.shape.edges[0].detach().cpu().double().numpy()
     if not np.isfinite(line).all():
         return {}

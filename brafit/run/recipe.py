@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from brafit.errors import ConfigError
-from brafit.settings.entries import locate, made
+from brafit.settings.entries import locate, made, refusal
 
 if TYPE_CHECKING:
     from brafit.cloud import Reader
@@ -171,7 +171,7 @@ def _cup_of(settings: Mapping[str, Any]) -> Callable[..., Any]:
     try:
         cup = maker(Wire.from_arc(*_TRIAL))
     except (ValueError, TypeError, OSError, LookupError) as error:
-        raise ConfigError(f"cup: {' '.join(str(error).split())}") from error
+        raise ConfigError(refusal(error, "cup", "cup")) from error
     if not isinstance(cup, Cup):
         raise ConfigError(f"cup: {settings['_target_']} gives no brafit.cup.Cup: derive its class from that")
     return maker

@@ -38,10 +38,20 @@ def made(settings: Any, setting: str) -> Any:
     try:
         return instantiate(settings, _convert_="all")
     except InstantiationException as error:
-        said = " ".join(str(error.__cause__ or error).split())
-        if said.startswith(f"{setting}."):
-            raise ConfigError(said) from error
-        raise ConfigError(f"{_place(settings, setting, str(error))}: {said}") from error
+        said = refusal(error.__cause__ or error, setting, _place(settings, setting, str(error)))
+        raise ConfigError(said) from error
+
+
+def refusal(error: BaseException, setting: str, place: str) -> str:
+    """What an error says in one line that begins with the setting at fault: `place` if it names no part of `setting`.
+
+    Of a file that cannot be read it gives the name and the reason, without the system's number.
+    """
+    words = str(error)
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        words = f"{error.filename}: {error.strerror}"
+    words = " ".join(words.split())
+    return words if words.startswith(f"{setting}.") else f"{place}: {words}"
 
 
 def _place(settings: Any, setting: str, words: str) -> str:

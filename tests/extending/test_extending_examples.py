@@ -92,6 +92,29 @@ def test_the_command_takes_all_that_the_examples_add(told, work):
     assert told["settings"]["condition"]["extra"][0]["length"] == 235
 
 
+@pytest.mark.parametrize(
+    ("content", "panels", "words"),
+    [
+        (None, 2, "cannot be read (No such file or directory); make the block first"),
+        ("no json", 2, "not JSON"),
+        ("[1]", 2, "has no parameters of a cup"),
+        ('{"parameters": null}', 2, "has no parameters of a cup"),
+        ('{"parameters": {"edges": [[1.0]]}}', 3, "not a fit of strips with 3 panels and 14 terms; give cup.panels"),
+    ],
+)
+def test_a_wrong_block_is_told_in_one_line(tmp_path, monkeypatch, content, panels, words):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(FOLDER, tmp_path, dirs_exist_ok=True)
+    if content is not None:
+        (tmp_path / "block.json").write_text(content)
+    settings = ["hydra.searchpath=[conf]", "cup=house", "cup.block=block.json", f"cup.panels={panels}"]
+    with pytest.raises(ConfigError) as told:
+        brafit.fit(sample_paths()[0], settings=settings)
+    assert str(told.value).startswith("cup.block=block.json: ")
+    assert words in str(told.value)
+    assert "Errno" not in str(told.value)
+
+
 def test_the_fit_differs_from_one_without_them(told):
     plain = brafit.fit(sample_paths()[0], settings=["pattern.report=false"])
     assert abs(told["upper_edge_mm"] - plain.row()["upper_edge_mm"]) > 1e-3
