@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from brafit.anatomy.confidence import OF_APEX, Confidence
 from brafit.cloud.read import MIN_POINTS, Cloud
 from brafit.errors import InputError
 from brafit.landmarks.file import DECIMALS, FIELDS, Landmarks, landmarks_path
@@ -141,11 +142,16 @@ def _breast(breast: Landmarks, start: Start, skin: Skin) -> dict[str, Any]:
         "origin": "proposed" if breast.proposed else "given",
         "detected": breast.side in start.detected,
         "confidence": None if confidence is None else round(confidence.value, 2),
-        "doubts": [] if confidence is None else list(confidence.doubts),
+        "doubts": [] if confidence is None else [_doubt(key, confidence) for key in confidence.unusual],
         "wire": told(breast.wire),
         "upper": told(breast.upper_line),
         "points": {name: told(place) for name, place in breast.points.items()},
     }
+
+
+def _doubt(key: str, confidence: Confidence) -> dict[str, str]:
+    """What is unusual, and the mark that it speaks of."""
+    return {"mark": "apex" if key in OF_APEX else "wire", "says": confidence.sentence(key)}
 
 
 def _extent(start: Start, skin: Skin) -> float:

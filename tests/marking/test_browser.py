@@ -7,6 +7,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,19 @@ def page(pages: Path, context: Any) -> Iterator[Any]:
     errors: list[Any] = []
     yield opened(context, pages / "torso.html", errors)
     assert errors == []
+
+
+@pytest.fixture
+def proposed(tmp_path: Path, context: Any) -> Any:
+    """A page whose marks nobody has looked at; the wire's outer end and the apex are off."""
+    path = tmp_path / "torso.npy"
+    marks = torso_marks(path)
+    assert marks.wire is not None
+    points = {**marks.points, "apex": marks.points["apex"] + [0, 0, 10], "wire_bottom": marks.wire[24]}
+    write_torso(path, torso_points(POINTS), replace(marks, wire=marks.wire[:35], points=points, proposed=True))
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    return opened(context, tmp_path / "pages" / "torso.html")
 
 
 def figure(page: Any, name: str) -> float:
@@ -122,6 +136,27 @@ def test_untouched_marks_are_saved_as_they_were(tmp_path, context):
     step = 1000 * (moved.points["apex"] - found.points["apex"])
     assert step[0] == pytest.approx(1.0, abs=0.05)
     np.testing.assert_allclose(1000 * moved.wire, 1000 * found.wire, atol=1e-9)
+
+
+def test_only_a_person_says_that_marks_were_looked_at(tmp_path, proposed):
+    doubts = proposed.locator("#origin li")
+    before = doubts.all_inner_texts()
+    ends = [words for words in before if "outer end" in words]
+    assert len(ends) == 1
+    assert [words for words in before if "the apex is 10 mm off" in words]
+    dragged(proposed, "apex", 5, 4)
+    assert proposed.locator("#looked").is_checked() is False
+    assert ends[0] in doubts.all_inner_texts()
+    assert not [words for words in doubts.all_inner_texts() if "the apex" in words]
+    assert read_landmarks(saved(proposed, tmp_path)).proposed
+    dragged(proposed, "outer_end", 8, -8)
+    assert doubts.count() == 0
+    assert read_landmarks(saved(proposed, tmp_path)).proposed
+    proposed.keyboard.press("Control+z")
+    assert ends[0] in doubts.all_inner_texts()
+    proposed.check("#looked")
+    assert doubts.count() == 0
+    assert not read_landmarks(saved(proposed, tmp_path)).proposed
 
 
 def test_undo_and_what_a_closed_page_keeps(tmp_path, context, pages, page):

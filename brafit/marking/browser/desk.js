@@ -51,7 +51,8 @@ class Desk {
   }
 
   #take(kept) {
-    this.history.push({ ...this.breasts, ...kept.breasts });
+    const whole = Object.entries(kept.breasts).map(([side, breast]) => [side, { ...nothing(breast.origin), ...breast }]);
+    this.history.push({ ...this.breasts, ...Object.fromEntries(whole) });
     this.dirty = kept.dirty;
   }
 
@@ -253,16 +254,15 @@ class Desk {
       this.changed();
       return;
     }
-    this.#placed({ ...this.breast, [this.placing]: at, looked: true });
+    this.#placed(touching({ ...this.breast, [this.placing]: at }, this.placing));
   }
   finishWire() {
     if (this.pending.length >= 4) this.#placed(withWire(this.breast, this.pending, this.skin));
   }
   #placed(breast) {
     const mark = this.placing,
-      by = breast.origin === "given" ? breast.origin : "hand",
       ends = breast.wire && breast.strap_point;
-    let placed = { ...breast, origin: by };
+    let placed = breast;
     if (mark === "strap_point") placed = redrawn(placed, ["inner", "outer"], this.skin);
     if (ends && !placed.inner) placed = withNeckline(placed, this.told.axes[2], this.skin);
     this.pending = [];
@@ -325,7 +325,7 @@ class Desk {
     box("remove").disabled = !this.chosen || this.chosen in NAMES;
     box("save").disabled = empty;
     box("looked").checked = breast.looked;
-    box("looked").disabled = isEmpty(breast);
+    box("looked").parentElement.hidden = breast.origin === "hand";
     const can = this.told.mirror && !isEmpty(breast) && this.told.sides.length > 1;
     box("mirror").disabled = !can;
     box("mirror").title = this.told.mirror ? "" : "The scan is no torso that is symmetric enough";

@@ -39,12 +39,12 @@ const HINTS = {
 // What to do next.
 function hintFor({ breast, side, breasts, told, placing, pending, dirty }) {
   if (placing) return HINTS[placing](pending.length);
-  if (!breast.looked)
+  if (isUnseen(breast))
     return "Look from several sides, drag what is off. Then tick that you have looked at this breast.";
   const missing = nextMark(breast),
     beside = told.sides.includes(other(side)) ? breasts[other(side)] : null;
   if (missing) return `${missing === "wire" ? "Wire" : NAMES[missing]}: not marked. Place it, or leave it to brafit.`;
-  if (beside && !isEmpty(beside) && !beside.looked) return `The ${other(side)} breast's marks are not looked at yet.`;
+  if (beside && isUnseen(beside)) return `The ${other(side)} breast's marks are not looked at yet.`;
   return dirty ? "Save when you are done." : "Drag a mark to move it, drag beside the marks to turn the scan.";
 }
 
@@ -108,19 +108,21 @@ function showFaults(faults, complete) {
 
 // Where the marks of a breast are from, and how far they can be trusted.
 function showOrigin(breast, told) {
-  const lines = told ? told.doubts : [];
+  const stands = told && breast.origin === told.origin;
+  // A doubt stands until the marks that it speaks of are moved, or looked at.
+  const doubts = stands && !breast.looked ? told.doubts.filter((doubt) => !breast.touched.includes(doubt.mark)) : [];
   const origins = {
     given: "Marks of the landmark file.",
     proposed: `Proposed by brafit, confidence ${told && told.confidence !== null ? told.confidence.toFixed(1) : "unknown"}. Nobody has looked at them yet.`,
-    mirrored: "Copied from the other side. Nobody has looked at them yet.",
+    mirrored: "Copied from the other side; look at it.",
     hand: isEmpty(breast) ? "Nothing is marked on this side." : "",
   };
-  const said = breast.looked && breast.origin !== "given" && !isEmpty(breast) ? "" : origins[breast.origin];
+  const said = breast.looked && ["proposed", "mirrored"].includes(breast.origin) ? "" : origins[breast.origin];
   const more =
     breast.origin === "given" && told && told.detected
       ? ["The file has no wire: this one was found in the crease."]
       : [];
-  const words = [...(breast.looked ? [] : lines), ...more];
+  const words = [...doubts.map((doubt) => doubt.says), ...more];
   box("origin").innerHTML =
     said || words.length
       ? `<div class="${breast.looked || isEmpty(breast) ? "soft" : "unsure"}">${escaped(said)}${words.length ? list(words) : ""}</div>`
