@@ -125,6 +125,7 @@ def _told(raw: Cloud, name: str, start: Start, skin: Skin) -> dict[str, Any]:
         "breasts": breasts,
         "start": hashlib.sha256(json.dumps(breasts).encode()).hexdigest()[:16],
         "extra": _extra(file),
+        "faults": {side: [shown(fault) for fault in faults] for side, faults in start.faults.items()},
         "notes": [shown(note) for note in start.notes],
         "bounds": bounds(flagged),
         "catalogue": catalogue(),

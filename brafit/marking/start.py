@@ -42,7 +42,8 @@ class Start:
         sides: breasts that can be marked.
         axes: rows: to the wearer's left, up, out of the chest.
         mirror: the plane between left and right, if the body is symmetric enough to carry marks over.
-        notes: what the person should know, a line each.
+        faults: why a fit would refuse the marks of a side as they are, or why none are proposed there, by side.
+        notes: what else the person should know, a line each.
     """
 
     whole: Whole
@@ -54,6 +55,7 @@ class Start:
     sides: tuple[str, ...]
     axes: Float[ndarray, "3 3"]
     mirror: Mirror | None
+    faults: dict[str, tuple[str, ...]]
     notes: tuple[str, ...]
 
 
@@ -81,9 +83,8 @@ def start_of(raw: Cloud, side: str | None = None, units: str | None = None) -> S
 
 def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
     """The start where marks are given or proposed."""
-    notes: list[str] = []
-    found = [_breast(marked, marks, notes) for marks in marked.breasts]
-    notes += [f"{one.side} breast: {fault}" for one in marked.proposed.values() for fault in one.faults]
+    faults = {one.side: one.faults for one in marked.proposed.values() if one.faults}
+    found = [_breast(marked, marks, faults) for marks in marked.breasts]
     return Start(
         whole=marked.whole,
         unit=marked.units.cloud,
@@ -94,18 +95,21 @@ def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
         sides=_sides(marked.whole, side, [marks.side for marks in marked.breasts]),
         axes=_axes(marked),
         mirror=_mirror(marked.whole),
-        notes=tuple(notes),
+        faults=faults,
+        notes=(),
     )
 
 
-def _breast(marked: Marked, marks: Landmarks, notes: list[str]) -> tuple[Landmarks, str, Confidence | None]:
+def _breast(
+    marked: Marked, marks: Landmarks, faults: dict[str, tuple[str, ...]]
+) -> tuple[Landmarks, str, Confidence | None]:
     """One breast's marks with the wire that a fit takes, where that is from, and how far marks that nobody looked at
-    can be trusted; why a fit would refuse them is noted.
+    can be trusted; why a fit would refuse them is added to the faults.
     """
     try:
         breast = framed(marked, marks.side, None)
     except InputError as error:
-        notes.append(f"{marks.side} breast, as it is marked now: {error.cause}")
+        faults[marks.side] = (f"as the page began: {error.cause}",)
         return marks, "given", marked.proposed.get(marks.side)
     return breast.marks, breast.wire_origin, breast.confidence
 
@@ -124,6 +128,7 @@ def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputEr
         sides=_sides(whole, side, []),
         axes=_facing(whole.cloud.points) if body is None else np.stack([body.left, body.up, body.front]),
         mirror=_mirror(whole),
+        faults={},
         notes=(f"Nothing is marked, and nothing could be proposed ({error.cause})",),
     )
 

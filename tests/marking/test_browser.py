@@ -19,7 +19,7 @@ from check_patterns import MissingReaderError
 
 from brafit.cli.mark import main
 from brafit.geometry.polyline import distances, polyline_length
-from brafit.landmarks import read_breasts, read_landmarks
+from brafit.landmarks import landmarks_path, landmarks_text, read_breasts, read_landmarks
 from brafit.underwires.nearest import nearest_wire
 
 POINTS = 25_000
@@ -149,14 +149,48 @@ def test_only_a_person_says_that_marks_were_looked_at(tmp_path, proposed):
     assert ends[0] in doubts.all_inner_texts()
     assert not [words for words in doubts.all_inner_texts() if "the apex" in words]
     assert read_landmarks(saved(proposed, tmp_path)).proposed
+    fine, faults = proposed.locator("#faults .fine"), proposed.locator("#faults")
+    assert "the doubts above stand" in faults.inner_text()
     dragged(proposed, "outer_end", 8, -8)
     assert doubts.count() == 0
+    assert "nobody has looked" in faults.inner_text()
+    assert fine.count() == 0
     assert read_landmarks(saved(proposed, tmp_path)).proposed
     proposed.keyboard.press("Control+z")
     assert ends[0] in doubts.all_inner_texts()
     proposed.check("#looked")
     assert doubts.count() == 0
+    assert fine.count() == 1
     assert not read_landmarks(saved(proposed, tmp_path)).proposed
+
+
+def test_an_end_of_the_wire_off_the_skin_is_unusual(page):
+    page.evaluate("""(() => {
+        const { breast } = brafitMark, at = breast.outer_end;
+        brafitMark.set({ ...breast, outer_end: [at[0] + 15, at[1], at[2] + 15] });
+    })()""")
+    assert "Outer end: " in page.locator("#faults .unsure").inner_text()
+
+
+def test_copied_marks_bring_none_of_the_doubts_of_those_that_they_replace(tmp_path, context):
+    path = tmp_path / "torso.npy"
+    left, right = (torso_marks(path, side) for side in ("left", "right"))
+    assert right.wire is not None
+    write_torso(path, torso_points(POINTS), left)
+    text = landmarks_text([left, replace(right, wire=right.wire[:31], proposed=True)])
+    landmarks_path(path).write_text(text)
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    page = opened(context, tmp_path / "pages" / "torso.html")
+    panel = page.locator(".panel")
+    assert "146 mm" not in panel.inner_text()
+    page.click("[data-side=right]")
+    assert "146 mm" in panel.locator("#origin .unsure").inner_text()
+    page.click("[data-side=left]")
+    page.click("#mirror")
+    assert "146" not in panel.inner_text()
+    assert panel.locator("#origin").inner_text() == "Copied from the other side; look at it."
+    assert panel.locator("#faults .fine").count() == 0
 
 
 def test_undo_and_what_a_closed_page_keeps(tmp_path, context, pages, page):

@@ -38,6 +38,10 @@ class Desk {
     return this.told.breasts.find((breast) => breast.side === this.side) || null;
   }
 
+  get doubts() {
+    return doubtsOf(this.breast, this.toldOf, this.told.faults[this.side]);
+  }
+
   // Take up what this browser kept: at once if it goes on from the same start, else it is offered.
   restore() {
     const kept = this.store.read();
@@ -309,14 +313,19 @@ class Desk {
     const breast = this.breast,
       figures = figuresOf(breast, this.side, this.told.catalogue);
     showFigures(figures);
-    showFaults(faultsOf(breast, this.side, figures, this.told, this.skin), breast.wire && breast.apex);
+    const unseen = this.doubts.length
+      ? "the doubts above stand"
+      : isUnseen(breast)
+        ? "nobody has looked at these marks yet"
+        : "";
+    showFaults(faultsOf(breast, this.side, figures, this.told, this.skin), breast.wire && breast.apex, unseen);
   }
 
   #showPanel() {
     const breast = this.breast,
       empty = Object.values(this.breasts).every(isEmpty);
     showMarks(breast, this.placing, this.pending);
-    showOrigin(breast, this.toldOf);
+    showOrigin(breast, this.toldOf, this.doubts);
     for (const tab of document.querySelectorAll("[data-side]"))
       tab.setAttribute("aria-pressed", String(tab.dataset.side === this.side));
     box("undo").disabled = !this.history.canUndo && !this.pending.length;

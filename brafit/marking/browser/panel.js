@@ -97,20 +97,32 @@ function showFigures(figures) {
   box("figures").tBodies[0].innerHTML = rows.join("");
 }
 
-function showFaults(faults, complete) {
+// `unseen`: why it can't be said that nothing is implausible, though no fault is found; else empty.
+function showFaults(faults, complete, unseen) {
   const of = (refused) => faults.filter((fault) => fault.refused === refused).map((fault) => fault.says);
   const [bad, odd] = [of(true), of(false)];
   box("faults").innerHTML =
     (bad.length ? `<div class="warnings">brafit would refuse this:${list(bad)}</div>` : "") +
     (odd.length ? `<div class="unsure">Unusual:${list(odd)}</div>` : "") +
-    (complete && !faults.length ? '<div class="fine">Nothing is implausible.</div>' : "");
+    (complete && !faults.length
+      ? unseen
+        ? `<div class="soft">By the page's own bounds nothing is implausible; ${unseen}.</div>`
+        : '<div class="fine">Nothing is implausible.</div>'
+      : "");
+}
+
+// What is said against the marks with which a breast began, as long as it stands: a doubt until the mark that it speaks
+// of is moved or all are looked at; never of other marks than those, like copied ones.
+function doubtsOf(breast, told, faults = []) {
+  if (isEmpty(breast)) return faults;
+  if (!told || breast.origin !== told.origin) return [];
+  if (breast.origin === "given") return breast.touched.length ? [] : faults;
+  if (breast.looked) return [];
+  return [...faults, ...told.doubts.filter((doubt) => !breast.touched.includes(doubt.mark)).map((doubt) => doubt.says)];
 }
 
 // Where the marks of a breast are from, and how far they can be trusted.
-function showOrigin(breast, told) {
-  const stands = told && breast.origin === told.origin;
-  // A doubt stands until the marks that it speaks of are moved, or looked at.
-  const doubts = stands && !breast.looked ? told.doubts.filter((doubt) => !breast.touched.includes(doubt.mark)) : [];
+function showOrigin(breast, told, doubts) {
   const origins = {
     given: "Marks of the landmark file.",
     proposed: `Proposed by brafit, confidence ${told && told.confidence !== null ? told.confidence.toFixed(1) : "unknown"}. Nobody has looked at them yet.`,
@@ -122,9 +134,9 @@ function showOrigin(breast, told) {
     breast.origin === "given" && told && told.detected
       ? ["The file has no wire: this one was found in the crease."]
       : [];
-  const words = [...doubts.map((doubt) => doubt.says), ...more];
+  const words = [...doubts, ...more];
   box("origin").innerHTML =
     said || words.length
-      ? `<div class="${breast.looked || isEmpty(breast) ? "soft" : "unsure"}">${escaped(said)}${words.length ? list(words) : ""}</div>`
+      ? `<div class="${(breast.looked || isEmpty(breast)) && !doubts.length ? "soft" : "unsure"}">${escaped(said)}${words.length ? list(words) : ""}</div>`
       : "";
 }
