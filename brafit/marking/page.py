@@ -147,6 +147,7 @@ def _breast(breast: Landmarks, start: Start, skin: Skin) -> dict[str, Any]:
         "wire": told(breast.wire),
         "upper": told(breast.upper_line),
         "points": {name: told(place) for name, place in breast.points.items()},
+        "named": {name: told(place) for name, place in start.named[breast.side].items()},
     }
 
 

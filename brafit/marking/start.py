@@ -37,6 +37,7 @@ class Start:
         unit: of its file, and of the landmark file to be written.
         unit_from: what the unit was found from; empty if it was said.
         breasts: marks to begin with, each with its wire from the inner to the outer end.
+        named: the marked points that the landmark file or the proposal names, by side.
         confidence: of those that nobody looked at, by side.
         detected: sides whose wire the landmark file does not have: it was found in the crease.
         sides: breasts that can be marked.
@@ -50,6 +51,7 @@ class Start:
     unit: str
     unit_from: str
     breasts: tuple[Landmarks, ...]
+    named: dict[str, dict[str, Float[ndarray, "3"]]]
     confidence: dict[str, Confidence]
     detected: tuple[str, ...]
     sides: tuple[str, ...]
@@ -90,6 +92,7 @@ def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
         unit=marked.units.cloud,
         unit_from=unit_from,
         breasts=tuple(marks for marks, *_ in found),
+        named={marks.side: marks.points for marks in marked.breasts},
         confidence={marks.side: confidence for marks, _, confidence in found if confidence is not None},
         detected=tuple(marks.side for marks, origin, _ in found if origin == "detected"),
         sides=_sides(marked.whole, side, [marks.side for marks in marked.breasts]),
@@ -123,6 +126,7 @@ def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputEr
         unit=unit,
         unit_from=found,
         breasts=(),
+        named={},
         confidence={},
         detected=(),
         sides=_sides(whole, side, []),

@@ -193,6 +193,39 @@ def test_copied_marks_bring_none_of_the_doubts_of_those_that_they_replace(tmp_pa
     assert panel.locator("#faults .fine").count() == 0
 
 
+def test_named_points_that_nobody_touched_are_saved_as_they_were(tmp_path, context):
+    path = tmp_path / "torso.npy"
+    marks = torso_marks(path)
+    assert marks.wire is not None
+    points = {**marks.points, "wire_bottom": marks.wire[24], "inner_end": marks.wire[0] + [0.5, 0, 0]}
+    write_torso(path, torso_points(POINTS), replace(marks, points=points))
+    before = json.loads(landmarks_path(path).read_text())
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    page = opened(context, tmp_path / "pages" / "torso.html")
+    assert json.loads(saved(page, tmp_path).read_text()) == before
+    dragged(page, "wire.1", 6, 6)
+    after = json.loads(saved(page, tmp_path).read_text())["landmarks"]
+    assert after["apex"] == before["landmarks"]["apex"]
+    assert after["wire_bottom"] != before["landmarks"]["wire_bottom"]
+    assert "outer_end" in after
+
+
+def test_a_wire_found_in_the_crease_is_saved_once_a_person_looked_at_it(tmp_path, context):
+    path = tmp_path / "torso.npy"
+    write_torso(path, torso_points(POINTS), replace(torso_marks(path), wire=None))
+    before = json.loads(landmarks_path(path).read_text())
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    page = opened(context, tmp_path / "pages" / "torso.html")
+    assert "found in the crease" in page.locator("#origin").inner_text()
+    assert json.loads(saved(page, tmp_path).read_text()) == before
+    page.check("#looked")
+    marks = read_landmarks(saved(page, tmp_path))
+    assert marks.wire is not None
+    assert not marks.proposed
+
+
 def test_undo_and_what_a_closed_page_keeps(tmp_path, context, pages, page):
     first = page.evaluate("JSON.stringify(brafitMark.breasts)")
     dragged(page, "apex", 20, 5)

@@ -3,7 +3,8 @@
 // A breast: inner_end, outer_end, strap_point, apex (places or null); wire, inner, outer (lines or null: the wire, and
 // the neckline's parts from the inner end to the strap and on to the outer end); origin; looked (a person said that it
 // was looked at; of marks made by hand alone there is nothing to say); touched (what was edited: "wire", which has its
-// ends, "strap_point", "apex", "neckline").
+// ends, "strap_point", "apex", "neckline"); named (the points that the landmark file or the proposal names, as they were;
+// null where there is none); detected (the wire was not in the file, it was found in the crease).
 // A line: via (its handles between its ends), points (the line itself: as it was given until a handle is moved).
 
 const ENDS = {
@@ -26,6 +27,8 @@ const nothing = (origin) => ({
   origin,
   looked: origin === "hand",
   touched: [],
+  named: null,
+  detected: false,
 });
 // The breast with marks noted as edited.
 const touching = (breast, ...marks) => ({ ...breast, touched: [...new Set([...breast.touched, ...marks])] });
@@ -40,7 +43,8 @@ const lineOf = (points, key) => ({ via: handlesFor(points, ...HANDLES[key]).slic
 
 // A breast as the page was told of it.
 function breastOf(told) {
-  const breast = { ...nothing(told.origin), looked: told.origin === "given" };
+  const { origin, named, detected } = told,
+    breast = { ...nothing(origin), looked: origin === "given" && !detected, named, detected };
   for (const name of POINTS) breast[name] = told.points[name] || null;
   if (!told.wire) return breast;
   breast.inner_end = told.wire[0];
@@ -164,6 +168,19 @@ function mirroredBreast(breast, mirror, skin) {
   return redrawn(changed, Object.keys(ENDS), skin);
 }
 
+// Whether a wire that the file did not have is neither edited nor looked at: then it is not saved.
+const isOnlyFound = (breast) => breast.detected && !breast.looked && !breast.touched.includes("wire");
+
+// The points that a landmark file names, by name: those that nobody touched as they were, also if they were not there.
+function namedOf(breast, up) {
+  const own = Object.fromEntries(POINTS.map((name) => [name, breast[name]]));
+  if (breast.wire) own.wire_bottom = breast.wire.points.reduce((low, p) => (dot(p, up) < dot(low, up) ? p : low));
+  if (!breast.named) return own;
+  const was = (name) => !breast.touched.includes(name === "wire_bottom" ? "wire" : markOf(name));
+  const names = [...POINTS, "wire_bottom"];
+  return Object.fromEntries(names.map((name) => [name, was(name) ? breast.named[name] : own[name]]));
+}
+
 // The landmark file of some breasts, by side, in the unit and frame of the scan.
 function landmarkFile(breasts, told) {
   const place = (point) =>
@@ -174,17 +191,12 @@ function landmarkFile(breasts, told) {
   const blocks = Object.entries(breasts)
     .filter(([, breast]) => !isEmpty(breast))
     .map(([side, breast]) => {
-      const block = { side };
-      if (!breast.looked) block.proposed = true;
-      block.landmarks = {};
-      for (const name of POINTS) if (breast[name]) block.landmarks[name] = place(breast[name]);
-      if (breast.wire) {
-        const up = told.axes[1];
-        block.landmarks.wire_bottom = place(
-          breast.wire.points.reduce((low, p) => (dot(p, up) < dot(low, up) ? p : low)),
-        );
-        block.wire = breast.wire.points.map(place);
-      }
+      const block = { side },
+        found = isOnlyFound(breast);
+      if (!breast.looked && !found) block.proposed = true;
+      const named = Object.entries(namedOf(breast, told.axes[1])).filter(([, point]) => point);
+      block.landmarks = Object.fromEntries(named.map(([name, point]) => [name, place(point)]));
+      if (breast.wire && !found) block.wire = breast.wire.points.map(place);
       if (breast.inner && breast.outer)
         block.upper_line = [...breast.inner.points, ...breast.outer.points.slice(1)].map(place);
       return block;
