@@ -226,6 +226,32 @@ def test_a_wire_found_in_the_crease_is_saved_once_a_person_looked_at_it(tmp_path
     assert not marks.proposed
 
 
+def test_the_panel_fits_its_width_and_hides_nothing_behind_the_button(tmp_path, proposed):
+    proposed.set_viewport_size({"width": 1300, "height": 900})
+    assert proposed.evaluate("document.querySelector('.rest').scrollWidth <= document.querySelector('.rest').clientWidth")
+    rest, button = proposed.locator(".rest").bounding_box(), proposed.locator(".save").bounding_box()
+    assert rest["y"] + rest["height"] <= button["y"] + 0.5
+    assert button["y"] + button["height"] <= 900.5
+    proposed.hover("[data-side=left]")
+    colours = "(({ color, backgroundColor }) => [color, backgroundColor])(getComputedStyle(document.querySelector('[data-side=left]')))"
+    words, ground = proposed.evaluate(colours)
+    assert words == "rgb(255, 255, 255)"
+    assert ground == "rgb(11, 83, 148)"
+    proposed.screenshot(path="/tmp/panel.png")
+
+
+def test_a_saved_scan_that_nobody_looked_at_is_not_done(tmp_path, context, proposed):
+    saved(proposed, tmp_path)
+    index = context.new_page()
+    index.goto((tmp_path / "pages" / "index.html").as_uri())
+    assert index.locator(".state").inner_text().startswith("saved, not looked at: left")
+    assert index.locator("#done").inner_text() == "0"
+    proposed.check("#looked")
+    saved(proposed, tmp_path)
+    index.reload()
+    assert index.locator("#done").inner_text() == "1"
+
+
 def test_undo_and_what_a_closed_page_keeps(tmp_path, context, pages, page):
     first = page.evaluate("JSON.stringify(brafitMark.breasts)")
     dragged(page, "apex", 20, 5)

@@ -70,6 +70,7 @@ class Desk {
     this.kept = this.store.write({
       start: this.told.start,
       breasts: this.breasts,
+      unseen: Object.keys(this.breasts).filter((side) => isUnseen(this.breasts[side])),
       editedAt: now,
       savedAt: this.savedAt || null,
       dirty: this.dirty,

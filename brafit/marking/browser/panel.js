@@ -91,7 +91,7 @@ function showFigures(figures) {
     ...figures.sold.map(
       (wire, i) =>
         `<tr${i ? "" : ' class="rule"'} title="how much longer and wider it is than the wire line, mm"><td>` +
-        `${i ? escaped(wire.name) : `<b>${escaped(wire.name)}</b>`}</td><td class="number">${signed(wire.longer)} long, ${signed(wire.wider)} wide</td></tr>`,
+        `${i ? escaped(wire.name) : `<b>${escaped(wire.name)}</b>`}</td><td class="number"><span>${signed(wire.longer)} long,</span> <span>${signed(wire.wider)} wide</span></td></tr>`,
     ),
   ];
   box("figures").tBodies[0].innerHTML = rows.join("");
