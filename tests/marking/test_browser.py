@@ -226,18 +226,19 @@ def test_a_wire_found_in_the_crease_is_saved_once_a_person_looked_at_it(tmp_path
     assert not marks.proposed
 
 
-def test_the_panel_fits_its_width_and_hides_nothing_behind_the_button(tmp_path, proposed):
+def test_the_panel_fits_its_width_and_hides_nothing_behind_the_button(proposed):
     proposed.set_viewport_size({"width": 1300, "height": 900})
-    assert proposed.evaluate("document.querySelector('.rest').scrollWidth <= document.querySelector('.rest').clientWidth")
+    assert proposed.evaluate(
+        "document.querySelector('.rest').scrollWidth <= document.querySelector('.rest').clientWidth"
+    )
     rest, button = proposed.locator(".rest").bounding_box(), proposed.locator(".save").bounding_box()
     assert rest["y"] + rest["height"] <= button["y"] + 0.5
     assert button["y"] + button["height"] <= 900.5
     proposed.hover("[data-side=left]")
-    colours = "(({ color, backgroundColor }) => [color, backgroundColor])(getComputedStyle(document.querySelector('[data-side=left]')))"
-    words, ground = proposed.evaluate(colours)
+    style = "getComputedStyle(document.querySelector('[data-side=left]'))"
+    words, ground = proposed.evaluate(f"[{style}.color, {style}.backgroundColor]")
     assert words == "rgb(255, 255, 255)"
     assert ground == "rgb(11, 83, 148)"
-    proposed.screenshot(path="/tmp/panel.png")
 
 
 def test_a_saved_scan_that_nobody_looked_at_is_not_done(tmp_path, context, proposed):
