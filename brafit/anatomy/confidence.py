@@ -66,6 +66,8 @@ class Bound:
         return f"{cause}; {self.remedy}" if self.remedy else cause
 
 
+OF_APEX = ("rise", "apex_out", "apex_off", "level", "mirrored")
+"""Evidence on the apex; all other is on the wire."""
 SHARES = ("guessed", "crease")
 """Evidence that is no length."""
 BOUNDS: Mapping[str, Bound] = {
@@ -134,16 +136,22 @@ class Confidence:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What is unusual, worst first."""
+        return tuple(self.sentence(key) for key in self.unusual)
+
+    @property
+    def unusual(self) -> tuple[str, ...]:
+        """Names of the evidence that is unusual, worst first."""
         found = {key: BOUNDS[key].confidence(value) for key, value in self.evidence.items()}
-        return tuple(self._said(key) for key in sorted(found, key=lambda key: found[key]) if found[key] < 1)
+        return tuple(key for key in sorted(found, key=lambda key: found[key]) if found[key] < 1)
 
     @property
     def faults(self) -> tuple[str, ...]:
         """What is impossible."""
         found = self.evidence.items()
-        return tuple(self._said(key) for key, value in found if BOUNDS[key].confidence(value) <= 0)
+        return tuple(self.sentence(key) for key, value in found if BOUNDS[key].confidence(value) <= 0)
 
-    def _said(self, key: str) -> str:
+    def sentence(self, key: str) -> str:
+        """What is said of a piece of evidence, with its value."""
         value = self.evidence[key]
         shown = f"{100 * value:.0f} %" if key in SHARES else f"{value:.0f} mm"
         return BOUNDS[key].sentence(shown, self.side)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from brafit.anatomy.confidence import BOUNDS as DOUBTS
 from brafit.landmarks.cup_frame import END_TOLERANCE, LEAST_HEIGHT, LEAST_SPAN
 from brafit.landmarks.plausibility import (
     BOW,
@@ -34,6 +35,7 @@ def bounds(flagged: bool) -> dict[str, Any]:
         "endTolerance": END_TOLERANCE,
         "wireDistance": WIRE_DISTANCE,
         "markDistance": MARK_DISTANCE,
+        "endOff": DOUBTS["end_off"].usual[1],
         "covered": COVERED if flagged else COVERED_WITH_MARGIN,
         "bow": BOW,
         "oneBreast": ONE_BREAST,

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from brafit.anatomy.confidence import OF_APEX, Confidence
 from brafit.cloud.read import MIN_POINTS, Cloud
 from brafit.errors import InputError
 from brafit.landmarks.file import DECIMALS, FIELDS, Landmarks, landmarks_path
@@ -124,6 +125,7 @@ def _told(raw: Cloud, name: str, start: Start, skin: Skin) -> dict[str, Any]:
         "breasts": breasts,
         "start": hashlib.sha256(json.dumps(breasts).encode()).hexdigest()[:16],
         "extra": _extra(file),
+        "faults": {side: [shown(fault) for fault in faults] for side, faults in start.faults.items()},
         "notes": [shown(note) for note in start.notes],
         "bounds": bounds(flagged),
         "catalogue": catalogue(),
@@ -141,11 +143,17 @@ def _breast(breast: Landmarks, start: Start, skin: Skin) -> dict[str, Any]:
         "origin": "proposed" if breast.proposed else "given",
         "detected": breast.side in start.detected,
         "confidence": None if confidence is None else round(confidence.value, 2),
-        "doubts": [] if confidence is None else list(confidence.doubts),
+        "doubts": [] if confidence is None else [_doubt(key, confidence) for key in confidence.unusual],
         "wire": told(breast.wire),
         "upper": told(breast.upper_line),
         "points": {name: told(place) for name, place in breast.points.items()},
+        "named": {name: told(place) for name, place in start.named[breast.side].items()},
     }
+
+
+def _doubt(key: str, confidence: Confidence) -> dict[str, str]:
+    """What is unusual, and the mark that it speaks of."""
+    return {"mark": "apex" if key in OF_APEX else "wire", "says": confidence.sentence(key)}
 
 
 def _extent(start: Start, skin: Skin) -> float:

@@ -37,23 +37,27 @@ class Start:
         unit: of its file, and of the landmark file to be written.
         unit_from: what the unit was found from; empty if it was said.
         breasts: marks to begin with, each with its wire from the inner to the outer end.
+        named: the marked points that the landmark file or the proposal names, by side.
         confidence: of those that nobody looked at, by side.
         detected: sides whose wire the landmark file does not have: it was found in the crease.
         sides: breasts that can be marked.
         axes: rows: to the wearer's left, up, out of the chest.
         mirror: the plane between left and right, if the body is symmetric enough to carry marks over.
-        notes: what the person should know, a line each.
+        faults: why a fit would refuse the marks of a side as they are, or why none are proposed there, by side.
+        notes: what else the person should know, a line each.
     """
 
     whole: Whole
     unit: str
     unit_from: str
     breasts: tuple[Landmarks, ...]
+    named: dict[str, dict[str, Float[ndarray, "3"]]]
     confidence: dict[str, Confidence]
     detected: tuple[str, ...]
     sides: tuple[str, ...]
     axes: Float[ndarray, "3 3"]
     mirror: Mirror | None
+    faults: dict[str, tuple[str, ...]]
     notes: tuple[str, ...]
 
 
@@ -81,31 +85,34 @@ def start_of(raw: Cloud, side: str | None = None, units: str | None = None) -> S
 
 def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
     """The start where marks are given or proposed."""
-    notes: list[str] = []
-    found = [_breast(marked, marks, notes) for marks in marked.breasts]
-    notes += [f"{one.side} breast: {fault}" for one in marked.proposed.values() for fault in one.faults]
+    faults = {one.side: one.faults for one in marked.proposed.values() if one.faults}
+    found = [_breast(marked, marks, faults) for marks in marked.breasts]
     return Start(
         whole=marked.whole,
         unit=marked.units.cloud,
         unit_from=unit_from,
         breasts=tuple(marks for marks, *_ in found),
+        named={marks.side: marks.points for marks in marked.breasts},
         confidence={marks.side: confidence for marks, _, confidence in found if confidence is not None},
         detected=tuple(marks.side for marks, origin, _ in found if origin == "detected"),
         sides=_sides(marked.whole, side, [marks.side for marks in marked.breasts]),
         axes=_axes(marked),
         mirror=_mirror(marked.whole),
-        notes=tuple(notes),
+        faults=faults,
+        notes=(),
     )
 
 
-def _breast(marked: Marked, marks: Landmarks, notes: list[str]) -> tuple[Landmarks, str, Confidence | None]:
+def _breast(
+    marked: Marked, marks: Landmarks, faults: dict[str, tuple[str, ...]]
+) -> tuple[Landmarks, str, Confidence | None]:
     """One breast's marks with the wire that a fit takes, where that is from, and how far marks that nobody looked at
-    can be trusted; why a fit would refuse them is noted.
+    can be trusted; why a fit would refuse them is added to the faults.
     """
     try:
         breast = framed(marked, marks.side, None)
     except InputError as error:
-        notes.append(f"{marks.side} breast, as it is marked now: {error.cause}")
+        faults[marks.side] = (f"as the page began: {error.cause}",)
         return marks, "given", marked.proposed.get(marks.side)
     return breast.marks, breast.wire_origin, breast.confidence
 
@@ -119,11 +126,13 @@ def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputEr
         unit=unit,
         unit_from=found,
         breasts=(),
+        named={},
         confidence={},
         detected=(),
         sides=_sides(whole, side, []),
         axes=_facing(whole.cloud.points) if body is None else np.stack([body.left, body.up, body.front]),
         mirror=_mirror(whole),
+        faults={},
         notes=(f"Nothing is marked, and nothing could be proposed ({error.cause})",),
     )
 

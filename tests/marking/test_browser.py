@@ -7,6 +7,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from check_patterns import MissingReaderError
 
 from brafit.cli.mark import main
 from brafit.geometry.polyline import distances, polyline_length
-from brafit.landmarks import read_breasts, read_landmarks
+from brafit.landmarks import landmarks_path, landmarks_text, read_breasts, read_landmarks
 from brafit.underwires.nearest import nearest_wire
 
 POINTS = 25_000
@@ -62,6 +63,19 @@ def page(pages: Path, context: Any) -> Iterator[Any]:
     errors: list[Any] = []
     yield opened(context, pages / "torso.html", errors)
     assert errors == []
+
+
+@pytest.fixture
+def proposed(tmp_path: Path, context: Any) -> Any:
+    """A page whose marks nobody has looked at; the wire's outer end and the apex are off."""
+    path = tmp_path / "torso.npy"
+    marks = torso_marks(path)
+    assert marks.wire is not None
+    points = {**marks.points, "apex": marks.points["apex"] + [0, 0, 10], "wire_bottom": marks.wire[24]}
+    write_torso(path, torso_points(POINTS), replace(marks, wire=marks.wire[:35], points=points, proposed=True))
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    return opened(context, tmp_path / "pages" / "torso.html")
 
 
 def figure(page: Any, name: str) -> float:
@@ -122,6 +136,121 @@ def test_untouched_marks_are_saved_as_they_were(tmp_path, context):
     step = 1000 * (moved.points["apex"] - found.points["apex"])
     assert step[0] == pytest.approx(1.0, abs=0.05)
     np.testing.assert_allclose(1000 * moved.wire, 1000 * found.wire, atol=1e-9)
+
+
+def test_only_a_person_says_that_marks_were_looked_at(tmp_path, proposed):
+    doubts = proposed.locator("#origin li")
+    before = doubts.all_inner_texts()
+    ends = [words for words in before if "outer end" in words]
+    assert len(ends) == 1
+    assert [words for words in before if "the apex is 10 mm off" in words]
+    dragged(proposed, "apex", 5, 4)
+    assert proposed.locator("#looked").is_checked() is False
+    assert ends[0] in doubts.all_inner_texts()
+    assert not [words for words in doubts.all_inner_texts() if "the apex" in words]
+    assert read_landmarks(saved(proposed, tmp_path)).proposed
+    fine, faults = proposed.locator("#faults .fine"), proposed.locator("#faults")
+    assert "the doubts above stand" in faults.inner_text()
+    dragged(proposed, "outer_end", 8, -8)
+    assert doubts.count() == 0
+    assert "nobody has looked" in faults.inner_text()
+    assert fine.count() == 0
+    assert read_landmarks(saved(proposed, tmp_path)).proposed
+    proposed.keyboard.press("Control+z")
+    assert ends[0] in doubts.all_inner_texts()
+    proposed.check("#looked")
+    assert doubts.count() == 0
+    assert fine.count() == 1
+    assert not read_landmarks(saved(proposed, tmp_path)).proposed
+
+
+def test_an_end_of_the_wire_off_the_skin_is_unusual(page):
+    page.evaluate("""(() => {
+        const { breast } = brafitMark, at = breast.outer_end;
+        brafitMark.set({ ...breast, outer_end: [at[0] + 15, at[1], at[2] + 15] });
+    })()""")
+    assert "Outer end: " in page.locator("#faults .unsure").inner_text()
+
+
+def test_copied_marks_bring_none_of_the_doubts_of_those_that_they_replace(tmp_path, context):
+    path = tmp_path / "torso.npy"
+    left, right = (torso_marks(path, side) for side in ("left", "right"))
+    assert right.wire is not None
+    write_torso(path, torso_points(POINTS), left)
+    text = landmarks_text([left, replace(right, wire=right.wire[:31], proposed=True)])
+    landmarks_path(path).write_text(text)
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    page = opened(context, tmp_path / "pages" / "torso.html")
+    panel = page.locator(".panel")
+    assert "146 mm" not in panel.inner_text()
+    page.click("[data-side=right]")
+    assert "146 mm" in panel.locator("#origin .unsure").inner_text()
+    page.click("[data-side=left]")
+    page.click("#mirror")
+    assert "146" not in panel.inner_text()
+    assert panel.locator("#origin").inner_text() == "Copied from the other side; look at it."
+    assert panel.locator("#faults .fine").count() == 0
+
+
+def test_named_points_that_nobody_touched_are_saved_as_they_were(tmp_path, context):
+    path = tmp_path / "torso.npy"
+    marks = torso_marks(path)
+    assert marks.wire is not None
+    points = {**marks.points, "wire_bottom": marks.wire[24], "inner_end": marks.wire[0] + [0.5, 0, 0]}
+    write_torso(path, torso_points(POINTS), replace(marks, points=points))
+    before = json.loads(landmarks_path(path).read_text())
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    page = opened(context, tmp_path / "pages" / "torso.html")
+    assert json.loads(saved(page, tmp_path).read_text()) == before
+    dragged(page, "wire.1", 6, 6)
+    after = json.loads(saved(page, tmp_path).read_text())["landmarks"]
+    assert after["apex"] == before["landmarks"]["apex"]
+    assert after["wire_bottom"] != before["landmarks"]["wire_bottom"]
+    assert "outer_end" in after
+
+
+def test_a_wire_found_in_the_crease_is_saved_once_a_person_looked_at_it(tmp_path, context):
+    path = tmp_path / "torso.npy"
+    write_torso(path, torso_points(POINTS), replace(torso_marks(path), wire=None))
+    before = json.loads(landmarks_path(path).read_text())
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    page = opened(context, tmp_path / "pages" / "torso.html")
+    assert "found in the crease" in page.locator("#origin").inner_text()
+    assert json.loads(saved(page, tmp_path).read_text()) == before
+    page.check("#looked")
+    marks = read_landmarks(saved(page, tmp_path))
+    assert marks.wire is not None
+    assert not marks.proposed
+
+
+def test_the_panel_fits_its_width_and_hides_nothing_behind_the_button(proposed):
+    proposed.set_viewport_size({"width": 1300, "height": 900})
+    assert proposed.evaluate(
+        "document.querySelector('.rest').scrollWidth <= document.querySelector('.rest').clientWidth"
+    )
+    rest, button = proposed.locator(".rest").bounding_box(), proposed.locator(".save").bounding_box()
+    assert rest["y"] + rest["height"] <= button["y"] + 0.5
+    assert button["y"] + button["height"] <= 900.5
+    proposed.hover("[data-side=left]")
+    style = "getComputedStyle(document.querySelector('[data-side=left]'))"
+    words, ground = proposed.evaluate(f"[{style}.color, {style}.backgroundColor]")
+    assert words == "rgb(255, 255, 255)"
+    assert ground == "rgb(11, 83, 148)"
+
+
+def test_a_saved_scan_that_nobody_looked_at_is_not_done(tmp_path, context, proposed):
+    saved(proposed, tmp_path)
+    index = context.new_page()
+    index.goto((tmp_path / "pages" / "index.html").as_uri())
+    assert index.locator(".state").inner_text().startswith("saved, not looked at: left")
+    assert index.locator("#done").inner_text() == "0"
+    proposed.check("#looked")
+    saved(proposed, tmp_path)
+    # The browser tells the other page in its own time.
+    index.wait_for_function("document.getElementById('done').textContent === '1'", timeout=10_000)
 
 
 def test_undo_and_what_a_closed_page_keeps(tmp_path, context, pages, page):

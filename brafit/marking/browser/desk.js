@@ -38,6 +38,10 @@ class Desk {
     return this.told.breasts.find((breast) => breast.side === this.side) || null;
   }
 
+  get doubts() {
+    return doubtsOf(this.breast, this.toldOf, this.told.faults[this.side]);
+  }
+
   // Take up what this browser kept: at once if it goes on from the same start, else it is offered.
   restore() {
     const kept = this.store.read();
@@ -51,7 +55,8 @@ class Desk {
   }
 
   #take(kept) {
-    this.history.push({ ...this.breasts, ...kept.breasts });
+    const whole = Object.entries(kept.breasts).map(([side, breast]) => [side, { ...nothing(breast.origin), ...breast }]);
+    this.history.push({ ...this.breasts, ...Object.fromEntries(whole) });
     this.dirty = kept.dirty;
   }
 
@@ -65,6 +70,7 @@ class Desk {
     this.kept = this.store.write({
       start: this.told.start,
       breasts: this.breasts,
+      unseen: Object.keys(this.breasts).filter((side) => isUnseen(this.breasts[side])),
       editedAt: now,
       savedAt: this.savedAt || null,
       dirty: this.dirty,
@@ -253,16 +259,15 @@ class Desk {
       this.changed();
       return;
     }
-    this.#placed({ ...this.breast, [this.placing]: at, looked: true });
+    this.#placed(touching({ ...this.breast, [this.placing]: at }, this.placing));
   }
   finishWire() {
     if (this.pending.length >= 4) this.#placed(withWire(this.breast, this.pending, this.skin));
   }
   #placed(breast) {
     const mark = this.placing,
-      by = breast.origin === "given" ? breast.origin : "hand",
       ends = breast.wire && breast.strap_point;
-    let placed = { ...breast, origin: by };
+    let placed = breast;
     if (mark === "strap_point") placed = redrawn(placed, ["inner", "outer"], this.skin);
     if (ends && !placed.inner) placed = withNeckline(placed, this.told.axes[2], this.skin);
     this.pending = [];
@@ -309,14 +314,19 @@ class Desk {
     const breast = this.breast,
       figures = figuresOf(breast, this.side, this.told.catalogue);
     showFigures(figures);
-    showFaults(faultsOf(breast, this.side, figures, this.told, this.skin), breast.wire && breast.apex);
+    const unseen = this.doubts.length
+      ? "the doubts above stand"
+      : isUnseen(breast)
+        ? "nobody has looked at these marks yet"
+        : "";
+    showFaults(faultsOf(breast, this.side, figures, this.told, this.skin), breast.wire && breast.apex, unseen);
   }
 
   #showPanel() {
     const breast = this.breast,
       empty = Object.values(this.breasts).every(isEmpty);
     showMarks(breast, this.placing, this.pending);
-    showOrigin(breast, this.toldOf);
+    showOrigin(breast, this.toldOf, this.doubts);
     for (const tab of document.querySelectorAll("[data-side]"))
       tab.setAttribute("aria-pressed", String(tab.dataset.side === this.side));
     box("undo").disabled = !this.history.canUndo && !this.pending.length;
@@ -325,7 +335,7 @@ class Desk {
     box("remove").disabled = !this.chosen || this.chosen in NAMES;
     box("save").disabled = empty;
     box("looked").checked = breast.looked;
-    box("looked").disabled = isEmpty(breast);
+    box("looked").parentElement.hidden = breast.origin === "hand";
     const can = this.told.mirror && !isEmpty(breast) && this.told.sides.length > 1;
     box("mirror").disabled = !can;
     box("mirror").title = this.told.mirror ? "" : "The scan is no torso that is symmetric enough";

@@ -12,12 +12,17 @@
       }
       const cell = row.querySelector(".state"),
         when = kept && new Date(kept.savedAt || kept.editedAt).toLocaleString();
+      // A scan is done once it is saved and a person looked at all marks in it.
+      const saved = kept && kept.savedAt && !kept.dirty,
+        unseen = (kept && kept.unseen) || [];
       const words = !kept
         ? row.dataset.start
-        : kept.savedAt && !kept.dirty
-          ? `saved ${when}`
-          : `begun, not saved ${when}`;
-      const state = kept ? (kept.savedAt && !kept.dirty ? "done" : "begun") : row.dataset.state;
+        : !saved
+          ? `begun, not saved ${when}`
+          : unseen.length
+            ? `saved, not looked at: ${unseen.join(" and ")} ${when}`
+            : `saved ${when}`;
+      const state = !kept ? row.dataset.state : saved && !unseen.length ? "done" : "begun";
       cell.textContent = words;
       cell.dataset.value = { done: "0", begun: "1", todo: "2" }[state] + words;
       cell.className = `state ${state}`;

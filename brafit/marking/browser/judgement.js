@@ -92,5 +92,10 @@ function faultsOf(breast, side, figures, told, skin) {
     if (breast[name] && away([breast[name]]) > b.markDistance)
       say(true, `${NAMES[name]}: more than ${b.markDistance} mm off the skin.`);
   }
+  for (const name of ENDS.wire) {
+    const off = breast[name] ? away([breast[name]]) : 0;
+    if (off > b.endOff && off <= b.markDistance)
+      say(false, `${NAMES[name]}: ${mm(off)} off the skin; up to ${b.endOff} mm are usual.`);
+  }
   return found;
 }

@@ -1,7 +1,10 @@
 // The marks of one breast, and what a person does to them. A breast is never changed: each edit makes a new one.
 //
 // A breast: inner_end, outer_end, strap_point, apex (places or null); wire, inner, outer (lines or null: the wire, and
-// the neckline's parts from the inner end to the strap and on to the outer end); origin; looked (somebody looked at it).
+// the neckline's parts from the inner end to the strap and on to the outer end); origin; looked (a person said that it
+// was looked at; of marks made by hand alone there is nothing to say); touched (what was edited: "wire", which has its
+// ends, "strap_point", "apex", "neckline"); named (the points that the landmark file or the proposal names, as they were;
+// null where there is none); detected (the wire was not in the file, it was found in the crease).
 // A line: via (its handles between its ends), points (the line itself: as it was given until a handle is moved).
 
 const ENDS = {
@@ -22,14 +25,26 @@ const nothing = (origin) => ({
   inner: null,
   outer: null,
   origin,
-  looked: false,
+  looked: origin === "hand",
+  touched: [],
+  named: null,
+  detected: false,
 });
+// The breast with marks noted as edited.
+const touching = (breast, ...marks) => ({ ...breast, touched: [...new Set([...breast.touched, ...marks])] });
+const markOf = (id) => {
+  const line = id.split(".")[0];
+  return line in ENDS ? (line === "wire" ? line : "neckline") : line.endsWith("_end") ? "wire" : line;
+};
+// Marks that nobody made or looked at.
+const isUnseen = (breast) => !isEmpty(breast) && !breast.looked;
 const isEmpty = (breast) => POINTS.every((name) => breast[name] === null);
 const lineOf = (points, key) => ({ via: handlesFor(points, ...HANDLES[key]).slice(1, -1), points });
 
 // A breast as the page was told of it.
 function breastOf(told) {
-  const breast = { ...nothing(told.origin), looked: told.origin === "given" };
+  const { origin, named, detected } = told,
+    breast = { ...nothing(origin), looked: origin === "given" && !detected, named, detected };
   for (const name of POINTS) breast[name] = told.points[name] || null;
   if (!told.wire) return breast;
   breast.inner_end = told.wire[0];
@@ -87,10 +102,10 @@ function withHandle(breast, id, at, skin) {
   const [key, i] = id.split(".");
   if (i === undefined) {
     const touched = Object.keys(ENDS).filter((line) => ENDS[line].includes(id));
-    return redrawn({ ...breast, [id]: at, looked: true }, touched, skin);
+    return touching(redrawn({ ...breast, [id]: at }, touched, skin), markOf(id));
   }
   const via = breast[key].via.map((old, k) => (k === Number(i) ? at : old));
-  return redrawn({ ...breast, [key]: { ...breast[key], via }, looked: true }, [key], skin);
+  return touching(redrawn({ ...breast, [key]: { ...breast[key], via } }, [key], skin), markOf(key));
 }
 
 // The breast with one more handle on a line, at the place of it that is next to a point; and the handle's id.
@@ -109,7 +124,8 @@ function withMore(breast, key, point, skin) {
     );
   }).length;
   const via = [...breast[key].via.slice(0, before), at, ...breast[key].via.slice(before)];
-  return [redrawn({ ...breast, [key]: { ...breast[key], via }, looked: true }, [key], skin), `${key}.${before}`];
+  const more = redrawn({ ...breast, [key]: { ...breast[key], via } }, [key], skin);
+  return [touching(more, markOf(key)), `${key}.${before}`];
 }
 
 // The breast without a handle of a line; null where the line needs it.
@@ -117,7 +133,7 @@ function withLess(breast, id, skin) {
   const [key, i] = id.split(".");
   if (i === undefined || breast[key].via.length <= (key === "wire" ? 2 : 1)) return null;
   const via = breast[key].via.filter((_, k) => k !== Number(i));
-  return redrawn({ ...breast, [key]: { ...breast[key], via }, looked: true }, [key], skin);
+  return touching(redrawn({ ...breast, [key]: { ...breast[key], via } }, [key], skin), markOf(key));
 }
 
 // The breast with a wire through places from its inner to its outer end.
@@ -125,11 +141,8 @@ function withWire(breast, places, skin) {
   const handles = handlesFor(curveOnSkin(places, skin), ...HANDLES.wire),
     last = handles.length - 1;
   const wire = { via: handles.slice(1, -1), points: [] };
-  return redrawn(
-    { ...breast, inner_end: handles[0], outer_end: handles[last], wire, looked: true },
-    Object.keys(ENDS),
-    skin,
-  );
+  const placed = { ...breast, inner_end: handles[0], outer_end: handles[last], wire };
+  return touching(redrawn(placed, Object.keys(ENDS), skin), "wire");
 }
 
 // The breast with a neckline over the skin from wire end by wire end to the strap point, seen from the front.
@@ -138,7 +151,8 @@ function withNeckline(breast, towards, skin) {
     const [a, b] = endsOf(breast, key);
     return { via: [0.25, 0.5, 0.75].map((s) => skin.hit(between(a, b, s), towards) || between(a, b, s)), points: [] };
   };
-  return redrawn({ ...breast, inner: made("inner"), outer: made("outer"), looked: true }, ["inner", "outer"], skin);
+  const laid = { ...breast, inner: made("inner"), outer: made("outer") };
+  return touching(redrawn(laid, ["inner", "outer"], skin), "neckline");
 }
 
 // A breast's marks on the other side of the body, laid on the skin there.
@@ -154,6 +168,19 @@ function mirroredBreast(breast, mirror, skin) {
   return redrawn(changed, Object.keys(ENDS), skin);
 }
 
+// Whether a wire that the file did not have is neither edited nor looked at: then it is not saved.
+const isOnlyFound = (breast) => breast.detected && !breast.looked && !breast.touched.includes("wire");
+
+// The points that a landmark file names, by name: those that nobody touched as they were, also if they were not there.
+function namedOf(breast, up) {
+  const own = Object.fromEntries(POINTS.map((name) => [name, breast[name]]));
+  if (breast.wire) own.wire_bottom = breast.wire.points.reduce((low, p) => (dot(p, up) < dot(low, up) ? p : low));
+  if (!breast.named) return own;
+  const was = (name) => !breast.touched.includes(name === "wire_bottom" ? "wire" : markOf(name));
+  const names = [...POINTS, "wire_bottom"];
+  return Object.fromEntries(names.map((name) => [name, was(name) ? breast.named[name] : own[name]]));
+}
+
 // The landmark file of some breasts, by side, in the unit and frame of the scan.
 function landmarkFile(breasts, told) {
   const place = (point) =>
@@ -164,17 +191,12 @@ function landmarkFile(breasts, told) {
   const blocks = Object.entries(breasts)
     .filter(([, breast]) => !isEmpty(breast))
     .map(([side, breast]) => {
-      const block = { side };
-      if (!breast.looked) block.proposed = true;
-      block.landmarks = {};
-      for (const name of POINTS) if (breast[name]) block.landmarks[name] = place(breast[name]);
-      if (breast.wire) {
-        const up = told.axes[1];
-        block.landmarks.wire_bottom = place(
-          breast.wire.points.reduce((low, p) => (dot(p, up) < dot(low, up) ? p : low)),
-        );
-        block.wire = breast.wire.points.map(place);
-      }
+      const block = { side },
+        found = isOnlyFound(breast);
+      if (!breast.looked && !found) block.proposed = true;
+      const named = Object.entries(namedOf(breast, told.axes[1])).filter(([, point]) => point);
+      block.landmarks = Object.fromEntries(named.map(([name, point]) => [name, place(point)]));
+      if (breast.wire && !found) block.wire = breast.wire.points.map(place);
       if (breast.inner && breast.outer)
         block.upper_line = [...breast.inner.points, ...breast.outer.points.slice(1)].map(place);
       return block;

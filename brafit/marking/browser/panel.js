@@ -39,12 +39,12 @@ const HINTS = {
 // What to do next.
 function hintFor({ breast, side, breasts, told, placing, pending, dirty }) {
   if (placing) return HINTS[placing](pending.length);
-  if (!breast.looked)
+  if (isUnseen(breast))
     return "Look from several sides, drag what is off. Then tick that you have looked at this breast.";
   const missing = nextMark(breast),
     beside = told.sides.includes(other(side)) ? breasts[other(side)] : null;
   if (missing) return `${missing === "wire" ? "Wire" : NAMES[missing]}: not marked. Place it, or leave it to brafit.`;
-  if (beside && !isEmpty(beside) && !beside.looked) return `The ${other(side)} breast's marks are not looked at yet.`;
+  if (beside && isUnseen(beside)) return `The ${other(side)} breast's marks are not looked at yet.`;
   return dirty ? "Save when you are done." : "Drag a mark to move it, drag beside the marks to turn the scan.";
 }
 
@@ -91,38 +91,52 @@ function showFigures(figures) {
     ...figures.sold.map(
       (wire, i) =>
         `<tr${i ? "" : ' class="rule"'} title="how much longer and wider it is than the wire line, mm"><td>` +
-        `${i ? escaped(wire.name) : `<b>${escaped(wire.name)}</b>`}</td><td class="number">${signed(wire.longer)} long, ${signed(wire.wider)} wide</td></tr>`,
+        `${i ? escaped(wire.name) : `<b>${escaped(wire.name)}</b>`}</td><td class="number"><span>${signed(wire.longer)} long,</span> <span>${signed(wire.wider)} wide</span></td></tr>`,
     ),
   ];
   box("figures").tBodies[0].innerHTML = rows.join("");
 }
 
-function showFaults(faults, complete) {
+// `unseen`: why it can't be said that nothing is implausible, though no fault is found; else empty.
+function showFaults(faults, complete, unseen) {
   const of = (refused) => faults.filter((fault) => fault.refused === refused).map((fault) => fault.says);
   const [bad, odd] = [of(true), of(false)];
   box("faults").innerHTML =
     (bad.length ? `<div class="warnings">brafit would refuse this:${list(bad)}</div>` : "") +
     (odd.length ? `<div class="unsure">Unusual:${list(odd)}</div>` : "") +
-    (complete && !faults.length ? '<div class="fine">Nothing is implausible.</div>' : "");
+    (complete && !faults.length
+      ? unseen
+        ? `<div class="soft">By the page's own bounds nothing is implausible; ${unseen}.</div>`
+        : '<div class="fine">Nothing is implausible.</div>'
+      : "");
+}
+
+// What is said against the marks with which a breast began, as long as it stands: a doubt until the mark that it speaks
+// of is moved or all are looked at; never of other marks than those, like copied ones.
+function doubtsOf(breast, told, faults = []) {
+  if (isEmpty(breast)) return faults;
+  if (!told || breast.origin !== told.origin) return [];
+  if (breast.origin === "given") return breast.touched.length ? [] : faults;
+  if (breast.looked) return [];
+  return [...faults, ...told.doubts.filter((doubt) => !breast.touched.includes(doubt.mark)).map((doubt) => doubt.says)];
 }
 
 // Where the marks of a breast are from, and how far they can be trusted.
-function showOrigin(breast, told) {
-  const lines = told ? told.doubts : [];
+function showOrigin(breast, told, doubts) {
   const origins = {
     given: "Marks of the landmark file.",
     proposed: `Proposed by brafit, confidence ${told && told.confidence !== null ? told.confidence.toFixed(1) : "unknown"}. Nobody has looked at them yet.`,
-    mirrored: "Copied from the other side. Nobody has looked at them yet.",
+    mirrored: "Copied from the other side; look at it.",
     hand: isEmpty(breast) ? "Nothing is marked on this side." : "",
   };
-  const said = breast.looked && breast.origin !== "given" && !isEmpty(breast) ? "" : origins[breast.origin];
+  const said = breast.looked && ["proposed", "mirrored"].includes(breast.origin) ? "" : origins[breast.origin];
   const more =
     breast.origin === "given" && told && told.detected
       ? ["The file has no wire: this one was found in the crease."]
       : [];
-  const words = [...(breast.looked ? [] : lines), ...more];
+  const words = [...doubts, ...more];
   box("origin").innerHTML =
     said || words.length
-      ? `<div class="${breast.looked || isEmpty(breast) ? "soft" : "unsure"}">${escaped(said)}${words.length ? list(words) : ""}</div>`
+      ? `<div class="${(breast.looked || isEmpty(breast)) && !doubts.length ? "soft" : "unsure"}">${escaped(said)}${words.length ? list(words) : ""}</div>`
       : "";
 }
