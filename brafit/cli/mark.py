@@ -11,12 +11,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED
+from brafit.cli.ending import end_with
+from brafit.cli.status import ALL_OK, NOTHING_RAN, SOME_FAILED
 from brafit.errors import BrafitError
 from brafit.landmarks.file import SIDES
 from brafit.landmarks.units import MILLIMETRES
 from brafit.marking.index import Entry
-from brafit.naming import folded, print_anything, shown
+from brafit.naming import folded, shown
 from brafit.scan.discovery import find_scans, numbered, scan_names
 
 INDEX = "index.html"
@@ -28,15 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if mistaken := [text for text in options.scans if "=" in text and not Path(text).exists()]:
         parser.error(f"{mistaken[0]}: takes no settings; --side, --units")
-    print_anything()
-    try:
-        sys.exit(_run(options))
-    except KeyboardInterrupt:
-        print("brafit-mark: interrupted; the pages that are finished are kept", file=sys.stderr)
-        sys.exit(INTERRUPTED)
-    except (BrafitError, OSError) as error:
-        print(f"brafit-mark: {error}", file=sys.stderr)
-        sys.exit(NOTHING_RAN)
+    end_with("brafit-mark", lambda: _run(options), "pages")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -11,23 +11,16 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED
+from brafit.cli.ending import end_with
+from brafit.cli.status import ALL_OK, SOME_FAILED
 from brafit.errors import BrafitError, ConfigError
-from brafit.naming import print_anything, shown
+from brafit.naming import shown
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry of the console script; exit status as `brafit`'s."""
     options = _parser().parse_args(arguments)
-    print_anything()
-    try:
-        sys.exit(_run(options))
-    except KeyboardInterrupt:
-        print("brafit-nest: interrupted; the files that are finished are kept", file=sys.stderr)
-        sys.exit(INTERRUPTED)
-    except (BrafitError, OSError) as error:
-        print(f"brafit-nest: {error}", file=sys.stderr)
-        sys.exit(NOTHING_RAN)
+    end_with("brafit-nest", lambda: _run(options), "files")
 
 
 def _parser() -> argparse.ArgumentParser:

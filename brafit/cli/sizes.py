@@ -12,9 +12,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED
+from brafit.cli.ending import end_with
+from brafit.cli.status import ALL_OK, SOME_FAILED
 from brafit.errors import BrafitError, ConfigError
-from brafit.naming import print_anything, shown
+from brafit.naming import shown
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -34,15 +35,7 @@ LIMIT = 25_000
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry of the console script; exit status as `brafit`'s."""
     options = _parser().parse_args(arguments)
-    print_anything()
-    try:
-        sys.exit(_run(options))
-    except KeyboardInterrupt:
-        print("brafit-sizes: interrupted; the files that are finished are kept", file=sys.stderr)
-        sys.exit(INTERRUPTED)
-    except (BrafitError, OSError) as error:
-        print(f"brafit-sizes: {error}", file=sys.stderr)
-        sys.exit(NOTHING_RAN)
+    end_with("brafit-sizes", lambda: _run(options), "files")
 
 
 def _parser() -> argparse.ArgumentParser:
