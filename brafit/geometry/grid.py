@@ -45,10 +45,16 @@ def chebyshev_synthesis(terms: int, x: np.ndarray, derivative: int = 0) -> np.nd
         x: places in [-1, 1].
         derivative: order of the derivative by x; 0: values.
     """
+    return _synthesis(terms, np.ascontiguousarray(x, dtype=np.float64).tobytes(), derivative)
+
+
+@lru_cache(maxsize=64)
+def _synthesis(terms: int, x: bytes, derivative: int) -> np.ndarray:
+    """Every cup asks for the same few."""
     basis = np.eye(terms)
     if derivative:
         basis = chebyshev.chebder(basis, derivative, axis=0)
-    return chebyshev.chebvander(x, len(basis) - 1) @ basis
+    return chebyshev.chebvander(np.frombuffer(x), len(basis) - 1) @ basis
 
 
 @lru_cache

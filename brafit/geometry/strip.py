@@ -24,6 +24,7 @@ depend on the batch.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -59,6 +60,7 @@ class Nodes:
     integral: Float[np.ndarray, "n n"]
 
     @staticmethod
+    @lru_cache(maxsize=16)
     def of(n: int, length: float) -> "Nodes":
         """n nodes on [0, length]."""
         half = length / 2
@@ -69,7 +71,13 @@ class Nodes:
     def interpolation(self, s: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m n"]:
         """Values at the nodes -> values at s."""
         x = 2 * s / self.s[-1] - 1
-        return chebyshev_synthesis(len(self.s), x.clip(-1, 1)) @ chebyshev_analysis(len(self.s))
+        return _interpolation(len(self.s), x.clip(-1, 1).tobytes())
+
+
+@lru_cache(maxsize=16)
+def _interpolation(n: int, x: bytes) -> Float[np.ndarray, "m n"]:
+    """Values at n Chebyshev points -> values at x. Every cup asks for the same."""
+    return chebyshev_synthesis(n, np.frombuffer(x)) @ chebyshev_analysis(n)
 
 
 @dataclass(frozen=True)

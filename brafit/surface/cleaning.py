@@ -23,7 +23,7 @@ SURPLUS, SLACK = 1.2, 1.25
 neighbouring voxels can lie close together; the most crowded of the surplus are then removed."""
 DENSE = 32_000
 """More points than this about a breast add nothing; they are averaged in voxels first."""
-SCATTER_PLACES, SCATTER_RADIUS = 1000, 6.0
+SCATTER_PLACES, SCATTER_RADIUS = 500, 6.0
 """Places at which noise is measured, and the radius (mm) of the plane about each."""
 LONELY = 3.0
 """A point is on no surface if the mean distance to its neighbours is more than LONELY times the cloud's median."""

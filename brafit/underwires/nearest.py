@@ -43,8 +43,7 @@ wires are 15 mm longer and 8 mm wider."""
 
 def compared(wire: WireSize, line: Float[np.ndarray, "k 3"], play: float = 0.0, spring: float = 0.0) -> NearestWire:
     """How a wire differs from the one that a wire line (from end to end, mm) wants, see `wanted_wire`."""
-    length, span = wanted_wire(line, play, spring)
-    return NearestWire(wire, wire.length - length, wire.span - span)
+    return _beside(wire, *wanted_wire(line, play, spring))
 
 
 def chosen_wire(name: str, line: Float[np.ndarray, "k 3"]) -> tuple[str, bool]:
@@ -75,4 +74,9 @@ def nearest_wire(line: Float[np.ndarray, "k 3"], play: float = 0.0, spring: floa
         play: as for `wanted_wire`.
         spring: as for `wanted_wire`.
     """
-    return min((compared(wire, line, play, spring) for wire in CATALOGUE), key=lambda near: near.apart)
+    wanted = wanted_wire(line, play, spring)
+    return min((_beside(wire, *wanted) for wire in CATALOGUE), key=lambda near: near.apart)
+
+
+def _beside(wire: WireSize, length: float, span: float) -> NearestWire:
+    return NearestWire(wire, wire.length - length, wire.span - span)
