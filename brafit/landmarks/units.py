@@ -22,6 +22,8 @@ WIRE_POSSIBLE, WIRE_USUAL = (80.0, 600.0), (140.0, 330.0)
 """Lengths of a wire, mm: of any that can be worn; of most."""
 DEPTH_POSSIBLE, DEPTH_USUAL = (130.0, 450.0), (190.0, 345.0)
 """Depth of a torso, mm: the smallest extent of a scan of one, arms and legs included or not."""
+DEPTH_RARE = (100.0, 700.0)
+"""Bodies with arms held forward, or very large ones, are this deep: only one unit can be meant all the same, mostly."""
 NEAR = 30.0
 """Median distance (mm) within which marks lie on their cloud."""
 DISTINCT = 3.0
@@ -42,19 +44,31 @@ class Units:
     found: str = ""
 
 
-def unit_of(value: float, possible: tuple[float, float], usual: tuple[float, float]) -> str | None:
-    """The only unit in which a length lies within the bounds, or the only usual one; None if that is not clear.
+def unit_of(
+    value: float,
+    possible: tuple[float, float],
+    usual: tuple[float, float],
+    rare: tuple[float, float] | None = None,
+) -> str | None:
+    """The only unit in which a length lies within the bounds, or the only usual one; where it lies within them in no
+    unit, the only one for rare cases; None if that is not clear.
 
     Args:
         value: a length in a unit that is not known.
         possible: least and largest length, mm.
         usual: least and largest usual length, mm.
+        rare: least and largest length of any case, mm.
     """
-    for low, high in (possible, usual):
-        fitting = [unit for unit, factor in MILLIMETRES.items() if low <= value * factor <= high]
-        if len(fitting) == 1:
-            return fitting[0]
-    return None
+
+    def fitting(bounds: tuple[float, float]) -> list[str]:
+        return [unit for unit, factor in MILLIMETRES.items() if bounds[0] <= value * factor <= bounds[1]]
+
+    found = fitting(possible)
+    if len(found) > 1:
+        found = fitting(usual)
+    elif not found and rare is not None:
+        found = fitting(rare)
+    return found[0] if len(found) == 1 else None
 
 
 def wire_unit(file: Path, length: float) -> str:
@@ -80,7 +94,7 @@ def body_unit(file: Path, points: Float[np.ndarray, "n 3"]) -> str:
         InputError: two would do, or none.
     """
     depth = body_depth(points)
-    unit = unit_of(depth, DEPTH_POSSIBLE, DEPTH_USUAL)
+    unit = unit_of(depth, DEPTH_POSSIBLE, DEPTH_USUAL, DEPTH_RARE)
     if unit is None:
         cause = f"units: a body whose depth is {depth:.4g} can be in none or in two units"
         raise InputError(file, cause, _remedy(file))
