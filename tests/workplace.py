@@ -13,8 +13,9 @@ from pages import ROOT
 
 from brafit.samples import sample_paths
 
-SCANS = ("a", "b", "anna", "berta", *(f"scan_{k:02}" for k in range(5, 17)))
-"""Sixteen, so that each of sixteen shards has one."""
+SCANS = ("a", "anna", "berta")
+SHARDS = 16
+"""Parts into which the pages divide datasets: where a command names one, there are as many scans."""
 QUICK = {
     "scan.points": "100",
     "cup.terms": "6",
@@ -34,8 +35,9 @@ FRAMES = {
 
 
 def furnish(folder: Path) -> None:
-    """Put everything that the commands name into an empty folder, but for results."""
-    for name in ("brafit", "conf", "docs", "examples", "scripts", "tests", "constraints.txt", "pyproject.toml", "Makefile"):
+    """Put everything that the commands name into an empty folder, but for results and many scans."""
+    clone = ("brafit", "conf", "docs", "examples", "scripts", "tests", "constraints.txt", "pyproject.toml", "Makefile")
+    for name in clone:
         (folder / name).symlink_to(ROOT / name)
     (folder / "FOLDER").mkdir()
     for k, name in enumerate(SCANS):
@@ -45,6 +47,12 @@ def furnish(folder: Path) -> None:
     for k, name in enumerate("ab"):
         copied(k, folder / name)
     (folder / "list.csv").write_text("cloud,side,name,cup.panels\na.ply,left,first,\nb.ply,left,second,3\n")
+
+
+def many(folder: Path) -> None:
+    """Scans for every shard of FOLDER."""
+    for k in range(SHARDS - len(SCANS)):
+        copied(k, folder / "FOLDER" / f"scan_{k:02}")
 
 
 def copied(sample: int, to: Path) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 from pages import ROOT, Command, commands, options
-from workplace import FRAMES, QUICK, SCANS, copied, extending, furnish, programs, run
+from workplace import FRAMES, QUICK, SCANS, copied, extending, furnish, many, programs, run
 
 from brafit.cli.arguments import parted as words_of_options
 from brafit.cli.arguments import prepared
@@ -108,7 +108,8 @@ def test_settings_are_accepted(command: Command, work: Path, monkeypatch: pytest
         settings.append(f"{SEARCH}=[{flags[flags.index('--config-dir') + 1]}]")
     swept, fixed = parted(settings)
     assert bool(swept) <= ("-m" in flags)
-    for one in combinations(swept, fixed):
+    jobs = list(combinations(swept, fixed))
+    for one in jobs if len(jobs) < 8 else [*jobs[:2], jobs[-1]]:
         from_settings(one if any(text.startswith("out=") for text in one) else [*one, "out=unused"])
 
 
@@ -163,15 +164,16 @@ def bin_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def results(work: Path, bin_folder: Path) -> Path:
-    """Results of sixteen scans, and of the first of them with two and three panels beside it."""
+    """Results of a few scans, of the same under other names, and with two and three panels in folders beside them."""
     out = work.parent / "results"
     files = {key: value for key, value in QUICK.items() if not key.startswith("pattern.")}
     run(f"brafit FOLDER out={out}", work, bin_folder, files)
     for panels in ("2", "3"):
-        (out / panels).mkdir()
-        shutil.copytree(out / SCANS[0], out / panels / SCANS[0])
-        for name in ("config.yaml", "summary.csv", "index.html"):
-            shutil.copy(out / name, out / panels / name)
+        shutil.copytree(out, out / panels, ignore=lambda _, names: {"2", "3", *SCANS[1:]} & set(names))
+    for name in ("b", *(f"again_{k}" for k in range(4))):
+        shutil.copytree(out / SCANS[0], out / name)
+        fit = out / name / "fit.json"
+        fit.write_text(fit.read_text().replace(f'"scan": "{SCANS[0]}"', f'"scan": "{name}"'))
     return out
 
 
@@ -190,6 +192,8 @@ def place(command: Command, work: Path, results: Path, tmp_path: Path, bin_folde
     """A fresh folder to run a command in; with results where it does not make them."""
     folder = tmp_path / "here"
     shutil.copytree(work, folder, symlinks=True)
+    if "dataset.shard=" in command.text:
+        many(folder)
     if "out=" not in command.text:
         shutil.copytree(results, folder / "RESULTS")
     if command.page.name != EXTENDING:
