@@ -1,4 +1,4 @@
-"""Measures what becomes of scans before and in the fit: the README's scan figures come from one run of this script.
+"""Measures what becomes of scans before and in the fit: the scan figures in docs/figures.md come from one run.
 
     python scripts/check_scans.py FOLDER                     all parts
     python scripts/check_scans.py FOLDER --only given,wire   some parts

@@ -1,7 +1,7 @@
 """The picture at the top of the README: python scripts/make_picture.py [--scan FILE] [--panels 3] [--out FILE]
 
-A scan with its wire line, the cup that brafit fits to it, and the flat pieces, side by side. Panels have the same colour
-and the same rulings on the cup and on the pieces. Everything drawn comes from one fit.
+A scan with its wire line, the cup that brafit fits to it, and the flat pieces, side by side. Panels have the same
+colour and the same rulings on the cup and on the pieces. Everything drawn comes from one fit.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 from PIL import Image
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 import brafit
 from brafit.atomic import write_bytes
@@ -105,7 +105,7 @@ def scan_view(path: Path, result: Result) -> Picture:
 def shown(line: Float[ndarray, "n 3"], points: Float[ndarray, "m 3"], view: View) -> list[Float[ndarray, "_ 3"]]:
     """The parts of a line that no points lie well in front of: through the gaps between dots it would be seen."""
     fine = np.concatenate([a + np.linspace(0, 1, 8, endpoint=False)[:, None] * (b - a) for a, b in pairwise(line)])
-    near = cKDTree(view.flat(points)).query_ball_point(view.flat(fine), 5.0)
+    near = KDTree(view.flat(points)).query_ball_point(view.flat(fine), 5.0)
     depth = points @ view.viewer
     front = np.array([max(depth[found], default=-np.inf) for found in near])
     hidden = np.flatnonzero(front > fine @ view.viewer + 25.0)
@@ -164,16 +164,16 @@ def lines(canvas: Canvas, piece: CutPiece, place: Callable[[ndarray], ndarray]) 
             width = {"wire": 4.6, "ridge": 3.0, "upper": 3.0}.get(item.pen, 2.0)
             for curve in (curve for path in item.paths for curve in path):
                 canvas.line(place(curve.polyline(0.05)), COLOURS[item.pen], width)
-    middle = place(piece.grain.mean(0)[None])[0]
+    x, y = place(piece.grain.mean(0)[None])[0]
     on_right = piece.label.corners[:, 0].mean() > piece.grain[:, 0].mean()
-    canvas.text(piece.name, middle + (14 if on_right else -14, 0), 19.5, anchor="lm" if on_right else "rm", bold=True)
+    canvas.text(piece.name, (x + (14 if on_right else -14), y), 19.5, anchor="lm" if on_right else "rm", bold=True)
 
 
 def arrow(canvas: Canvas, middle: tuple[float, float]) -> None:
     """To the next column."""
     x, y = middle
-    outline = ((-26, -5), (4, -5), (4, -16), (28, 0), (4, 16), (4, 5), (-26, 5))
-    canvas.fill(np.array(outline) + (x, y), (196, 190, 184))
+    corners = ((-26, -5), (4, -5), (4, -16), (28, 0), (4, 16), (4, 5), (-26, 5))
+    canvas.fill(np.array([(x + dx, y + dy) for dx, dy in corners]), (196, 190, 184))
 
 
 def key(canvas: Canvas) -> None:

@@ -25,7 +25,7 @@ QUICK = {
     "pattern.report": "false",
     "sinks.tensorboard": "null",
 }
-"""Settings that a command gets here besides its own: how good a fit is does not matter. For cup=strips with solver=lm."""
+"""Settings that a command gets besides its own: how good a fit is does not matter. For cup=strips with solver=lm."""
 FRAMES = {
     "cup.terms": "2",
     "cup.stations": "21",

@@ -27,8 +27,9 @@ def is_query(arguments: Sequence[str]) -> bool:
 
 
 def answer(query: Callable[[], object]) -> None:
-    """Print what may follow on the command line of the environment. Where nothing is known, nothing is said, so that the
-    shell offers files.
+    """Print what may follow on the command line of the environment.
+
+    Where nothing is known, nothing is said, so that the shell offers files.
 
     Args:
         query: prints Hydra's answer to the line of the environment.

@@ -43,7 +43,11 @@ def test_the_shell_completes_settings_beside_scans_and_options(tmp_path: Path) -
     (tmp_path / "scan_files").touch()
     environment = {**os.environ, "PATH": f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"}
     done = subprocess.run(
-        ["bash", "-c", SCRIPT, "bash", str(tmp_path), *LINES], env=environment, capture_output=True, text=True, check=True
+        ["bash", "-c", SCRIPT, "bash", str(tmp_path), *LINES],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert done.stderr == ""
     found = [set(line.split()) for line in done.stdout.splitlines()]

@@ -46,6 +46,8 @@ NEEDS = {
 }
 """Packages without which a command cannot run."""
 COMMANDS = commands()
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+KINDS = ("python", "make", "pip", "tensorboard", "eval")
 EXTENDING = "extending.md"
 
 
@@ -66,8 +68,15 @@ def expanded(command: Command) -> list[str]:
     return done.stdout.split("\0")[:-1]
 
 
-ids = {"ids": str}
-every = pytest.mark.parametrize("command", COMMANDS, **ids)
+BRAFIT = [command for command in COMMANDS if is_brafit(command)]
+SMALL = [command for command in COMMANDS if command.program in PROJECT["scripts"] and command not in BRAFIT]
+SCRIPTS = [command for command in COMMANDS if re.match(r"python (?!-m)", command.text)]
+RUNNING = [command for command in COMMANDS if not matches(command, NOT_RUN) and command.program != "tensorboard"]
+
+
+def of(program: str) -> list[Command]:
+    """The commands of a program."""
+    return [command for command in COMMANDS if command.program == program]
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +89,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@every
+@pytest.mark.parametrize("command", COMMANDS, ids=str)
 def test_every_command_is_of_a_kind_that_is_looked_at(command: Command) -> None:
     assert command.program in (*KINDS, *PROJECT["scripts"]), "no test knows how to look at this"
 
@@ -90,11 +99,7 @@ def test_the_list_of_what_is_not_run_has_nothing_in_vain() -> None:
         assert any(re.match(pattern, command.text) for command in COMMANDS), pattern
 
 
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-KINDS = ("python", "make", "pip", "tensorboard", "eval")
-
-
-@pytest.mark.parametrize("command", [c for c in COMMANDS if is_brafit(c)], **ids)
+@pytest.mark.parametrize("command", BRAFIT, ids=str)
 def test_settings_are_accepted(command: Command, work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(work / "extending" if command.page.name == EXTENDING else work)
     arguments = expanded(command)
@@ -113,14 +118,14 @@ def test_settings_are_accepted(command: Command, work: Path, monkeypatch: pytest
         from_settings(one if any(text.startswith("out=") for text in one) else [*one, "out=unused"])
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if c.program in PROJECT["scripts"] and not is_brafit(c)], **ids)
+@pytest.mark.parametrize("command", SMALL, ids=str)
 def test_options_of_the_smaller_commands_exist(command: Command) -> None:
     module = PROJECT["scripts"][command.program].partition(":")[0]
     known = declared(ROOT / (module.replace(".", "/") + ".py"))
     assert set(options(command.text.split())) <= known
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if re.match(r"python (?!-m)", c.text)], **ids)
+@pytest.mark.parametrize("command", SCRIPTS, ids=str)
 def test_scripts_and_their_options_exist(command: Command) -> None:
     script = ROOT / command.text.split()[1]
     assert script.is_file()
@@ -135,24 +140,19 @@ def declared(file: Path) -> set[str]:
     return {str(word) for word in words if str(word).startswith("--")} | {"--help"}
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if c.program == "make"], **ids)
+@pytest.mark.parametrize("command", of("make"), ids=str)
 def test_targets_of_make_exist(command: Command) -> None:
     phony = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     assert phony is not None
     assert command.text.split()[1] in phony[1].split()
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if c.program == "pip"], **ids)
+@pytest.mark.parametrize("command", of("pip"), ids=str)
 def test_what_pip_is_to_install_exists(command: Command) -> None:
     for extra in re.findall(r"(?:brafit|\.)\[(\w+)\]", command.text):
         assert extra in PROJECT["optional-dependencies"]
     for file in re.findall(r"-[cr] (\S+)", command.text):
         assert (ROOT / file).is_file()
-
-
-# ---- running them
-
-RUNNING = [c for c in COMMANDS if not matches(c, NOT_RUN) and c.program != "tensorboard"]
 
 
 @pytest.fixture(scope="module")
@@ -199,12 +199,12 @@ def place(command: Command, work: Path, results: Path, tmp_path: Path, bin_folde
     if command.page.name != EXTENDING:
         return folder
     if "cup.block=" in command.text:
-        run("brafit out=runs/block", folder / "extending", bin_folder, {k: v for k, v in QUICK.items() if k != "cup.terms"})
+        run("brafit out=runs/block", folder / "extending", bin_folder, quick(command))
     return folder / "extending"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", RUNNING, **ids)
+@pytest.mark.parametrize("command", RUNNING, ids=str)
 def test_the_command_runs(command: Command, place: Path, bin_folder: Path) -> None:
     for package in matches(command, NEEDS):
         pytest.importorskip(package)
@@ -219,7 +219,7 @@ def test_the_command_runs(command: Command, place: Path, bin_folder: Path) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", [c for c in COMMANDS if c.program == "tensorboard"], **ids)
+@pytest.mark.parametrize("command", of("tensorboard"), ids=str)
 def test_tensorboard_shows_the_results(command: Command, place: Path) -> None:
     """Its server is asked for the names of its runs."""
     line = [*command.text.split(), "--port", "0", "--host", "127.0.0.1"]

@@ -1,4 +1,4 @@
-"""What the pages say in tables is what the code has: settings with their defaults, columns, landmarks, files, statuses."""
+"""What the pages say in tables is what the code has: settings with their defaults, columns, landmarks, statuses."""
 
 from __future__ import annotations
 
