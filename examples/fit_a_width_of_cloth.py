@@ -3,7 +3,7 @@
     python examples/fit_a_width_of_cloth.py [SCAN] [--width MM] [key=value ...]
 
 The body's shape has three parameters: how high, wide and deep the breast is (logarithms of factors). The pattern's
-width is that of the narrowest straight strip of cloth from which each of its pieces can be cut. Without --width, a strip
+width is that of the narrowest straight strip of cloth from which each of its pieces can be cut. Without --width, one
 1 % narrower than the pattern is asked for. Prints the width's derivatives by the three, the step, and how far it got.
 """
 

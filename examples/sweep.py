@@ -2,9 +2,9 @@
 
     python examples/sweep.py [OUT] [key=value,value ...]
 
-Fits the bundled scans once for every combination of cup.panels=2,3 and condition.fairness=1,4, or of what is given, into
-OUT (runs/sweep). Prints for each combination two medians over the scans: of the RMS, and of how far another scan of the
-same breast would move the pattern where it moves most.
+Fits the bundled scans once for every combination of cup.panels=2,3 and condition.fairness=1,4, or of what is given,
+into OUT (runs/sweep). Prints two medians over the scans for each combination: of the RMS, and of how far another scan
+of the same breast would move the pattern where it moves most.
 """
 
 from __future__ import annotations
