@@ -108,7 +108,7 @@ def test_from_points_to_a_pattern(told):
     assert 0.5 < number(r"RMS ([\d.]+) mm", printed) < 3  # a dome is not developable
 
 
-def test_a_sweep(tmp_path):
+def test_a_sweep_and_its_tables(told, tmp_path):
     printed = said(
         "sweep.py", tmp_path, "cup.panels=2,3", f"scans={SAMPLE.with_name('anny_04.ply')}", "experiment=lean", *FEW
     )
@@ -118,6 +118,9 @@ def test_a_sweep(tmp_path):
     with (tmp_path / "sweep.csv").open(newline="") as file:
         table = {int(row["panels"]): float(row["rms_mm"]) for row in csv.DictReader(file)}
     assert rms == pytest.approx(table, abs=0.001)
+    summed = told("read_results.py", tmp_path / "cup.panels=3")
+    assert summed.startswith("1 of 1 scans ok\n")
+    assert number(r"rms_mm: median ([\d.]+)", summed) == pytest.approx(rms[3], abs=0.006)
 
 
 def sizes_are_right(printed: str, out: Path, count: int, sizes: int) -> None:
