@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "examples" / "README.md"]
 _FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"(?<!\\)\[[^\]]*\]\(([^)\s]+)\)")
 
@@ -38,7 +38,7 @@ class Command:
         return self.text.split()[0]
 
     def __str__(self) -> str:
-        return f"{self.page.name}:{self.line} {self.text}"
+        return f"{self.page.relative_to(ROOT)}:{self.line} {self.text}"
 
 
 def blocks(page: Path) -> list[Block]:

@@ -1,4 +1,4 @@
-"""The Python code of README.md and docs/ runs as it stands, in a folder that holds what a clone holds."""
+"""The Python code of README.md and docs/ runs as it stands, in a folder with the samples."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from pages import PAGES, ROOT, Block, blocks
 
 CODE = [block for page in PAGES for block in blocks(page) if block.language == "python"]
 EXAMPLES = {file: file.read_text(encoding="utf-8") for file in sorted((ROOT / "examples").rglob("*.py"))}
-QUICK = "result = brafit.fit("
-"""What stands in code that runs in seconds; other code is for the slow tests."""
 
 
 def is_excerpt(block: Block) -> bool:
@@ -31,7 +29,7 @@ def of_example(block: Block) -> Path | None:
 
 
 def name(block: Block) -> str:
-    return f"{block.page.name}:{block.line}"
+    return f"{block.page.relative_to(ROOT)}:{block.line}"
 
 
 whole = [block for block in CODE if not is_excerpt(block) and of_example(block) is None]
@@ -39,7 +37,7 @@ whole = [block for block in CODE if not is_excerpt(block) and of_example(block) 
 
 @pytest.mark.parametrize(
     "block",
-    [pytest.param(block, id=name(block), marks=[] if QUICK in block.text else pytest.mark.slow) for block in whole],
+    [pytest.param(block, id=name(block), marks=[] if block.page == PAGES[0] else pytest.mark.slow) for block in whole],
 )
 def test_the_code_runs(block: Block, tmp_path: Path) -> None:
     (tmp_path / "brafit").mkdir()
