@@ -1,13 +1,15 @@
 """Which points of a scan move the ridge of its cup most: a picture, from derivatives through the fit.
 
-    python examples/which_points_move_the_ridge.py [SCAN] [PICTURE]
+    python examples/which_points_move_the_ridge.py [SCAN] [PICTURE] [key=value ...]
 
 Every point is given by how far the ridge moves, in the mean along it, for a millimetre that the point alone moves.
+Prints the point that moves it most, the median point, and how many points hold half of all influence.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
@@ -50,12 +52,13 @@ def draw(points: np.ndarray, moved: np.ndarray, edges: np.ndarray, path: Path) -
     axes[0].set_ylabel("mm, upwards")
     axes[0].legend(("scan's points", "wire (lower) and upper edge", "ridge"), loc="upper left")
     figure.colorbar(dots, ax=axes, label="mm that the ridge moves for a mm of this point alone")
+    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
-def main(scan: Path, picture: Path) -> None:
-    layer, (target,) = brafit.layer([scan])
+def main(scan: Path, picture: Path, settings: Sequence[str]) -> None:
+    layer, (target,) = brafit.layer([scan], settings=settings)
     points = torch.from_numpy(target.points).requires_grad_()
     cups = layer([TensorTarget.of(target, points=points)])
     moved = influence(cups, points)
@@ -69,7 +72,8 @@ def main(scan: Path, picture: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(
-        Path(sys.argv[1]) if len(sys.argv) > 1 else sample_paths()[1],
-        Path(sys.argv[2]) if len(sys.argv) > 2 else Path("which_points_move_the_ridge.png"),
-    )
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("scan", nargs="?", type=Path, default=sample_paths()[1])
+    parser.add_argument("picture", nargs="?", type=Path, default=Path("runs/which_points_move_the_ridge.png"))
+    parser.add_argument("settings", nargs="*", metavar="key=value")
+    main(**vars(parser.parse_args()))

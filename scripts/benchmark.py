@@ -1,4 +1,4 @@
-"""Measures the strips cup and the lm solver: every figure of the README's table comes from one run of this script.
+"""Measures the strips cup and the lm solver: every figure of its table in docs/figures.md comes from one run.
 
     python scripts/benchmark.py FOLDER_OF_BREASTS            all parts but the slow ones
     python scripts/benchmark.py FOLDER --slow                with 100 starts and the paper's solver

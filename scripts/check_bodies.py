@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import re
 import sys
 import tempfile
 from collections import Counter
@@ -172,7 +173,7 @@ def report(found: Sequence[Outcome], command: str) -> str:
         "",
         *rows,
         "",
-        "Reasons of what was refused:",
+        "Reasons of what was refused (N stands for a number):",
         "",
         *(f"- {count} x {reason}" for reason, count in reasons.most_common()),
         "",
@@ -217,9 +218,8 @@ def _quantiles(values: Sequence[float], shares: Sequence[float]) -> str:
 
 
 def _plain(reason: str) -> str:
-    """A reason without its numbers."""
-    words = reason.split(": ")
-    return ": ".join("".join(c for c in part if not c.isdigit()) for part in words[:2]).replace("  ", " ")
+    """A reason with N for each of its numbers."""
+    return ": ".join(re.sub(r"-?\d+(\.\d+)?", "N", part) for part in reason.split(": ")[:2])
 
 
 if __name__ == "__main__":

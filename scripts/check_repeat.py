@@ -1,4 +1,4 @@
-"""Measures how repeatable patterns are: the README's figures of repeatability come from one run of this script.
+"""Measures how repeatable patterns are: the figures of repeatability in docs/figures.md come from one run.
 
     python scripts/check_repeat.py FOLDER                                      all parts
     python scripts/check_repeat.py FOLDER --only outlines,simulated            some parts

@@ -1,4 +1,4 @@
-"""Measures what becomes of scans before and in the fit: the README's scan figures come from one run of this script.
+"""Measures what becomes of scans before and in the fit: the scan figures in docs/figures.md come from one run.
 
     python scripts/check_scans.py FOLDER                     all parts
     python scripts/check_scans.py FOLDER --only given,wire   some parts
@@ -414,8 +414,8 @@ def _flat(wire: np.ndarray) -> np.ndarray:
 
 
 def report_damaged(_: Path, root: Path) -> None:
-    print("\ndamaged files (tests/scan/test_damaged.py):", flush=True)
-    command = [sys.executable, "-m", "pytest", "tests/scan/test_damaged.py", "-q", "-m", "slow or not slow", "-rA"]
+    print("\ndamaged files (tests/cloud/test_damaged.py):", flush=True)
+    command = [sys.executable, "-m", "pytest", "tests/cloud/test_damaged.py", "-q", "-m", "slow or not slow", "-rA"]
     subprocess.run([*command, "-k", "damaged_files", "-s"], cwd=root, check=False)
 
 

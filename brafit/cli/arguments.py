@@ -28,7 +28,7 @@ def prepared(arguments: Sequence[str]) -> list[str]:
     Raises:
         ConfigError: scans are named in two ways; a setting is taken away or added.
     """
-    options, words = _parted(arguments)
+    options, words = parted(arguments)
     paths = [word for word in words if not is_setting(word)]
     settings = [word for word in words if is_setting(word)]
     named = next((text for text in settings if text.partition("=")[0] == "scans"), None)
@@ -62,7 +62,7 @@ def _names() -> set[str]:
     return {item.name for item in fields(Config)} | {"hydra", "experiment"}
 
 
-def _parted(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+def parted(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     """Options with their values, and the other words; after `--` there are no options."""
     options: list[str] = []
     words: list[str] = []

@@ -27,6 +27,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from brafit import __version__
 from brafit.atomic import write_text
 from brafit.cli.arguments import prepared
+from brafit.cli.completion import answer, is_query
 from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED, TERMINATED
 from brafit.errors import BrafitError, ConfigError
 from brafit.naming import print_anything
@@ -160,6 +161,8 @@ def main() -> None:
     try:
         if given in (["--help"], ["-h"]):
             print(help_text())
+        elif is_query(given):
+            answer(_hydra)
         else:
             sys.argv[1:] = given = prepared(given)
             _hydra()

@@ -119,7 +119,10 @@ def sizes_for(
     order = np.argsort(lengths, kind="stable")
     medoids = found[count - 1][np.argsort(lengths[found[count - 1]], kind="stable")]
     own = distances[medoids]
-    ranked, errors = np.argsort(own, axis=0, kind="stable"), np.sort(own, axis=0).astype(np.float64)
+    first = own.copy()
+    first[np.arange(count), medoids] = -1.0  # whose cup a size is wears it, even if another size's is the same cup
+    ranked = np.argsort(first, axis=0, kind="stable")
+    errors = np.take_along_axis(own, ranked, axis=0).astype(np.float64)
     none = np.full(len(lengths), -1)
     return Sizes(
         medoids=medoids,

@@ -94,3 +94,12 @@ def test_one_size_has_no_second():
     assert (found.second == -1).all()
     assert np.isnan(found.second_error).all()
     assert [step.sizes.served.count for step in found.steps] == [1, 2, 3, 4, 5]
+
+
+def test_every_size_is_worn_though_cups_are_the_same():
+    """A scan that is in a population twice, and more sizes than there are different cups."""
+    points = np.array([(0.0, 0.0), (0.0, 0.0), (9.0, 0.0), (9.0, 0.0), (9.0, 0.0)])
+    found = sizes_for(apart(points), np.arange(5.0), ["a"] * 5, 4, 5)
+    assert (found.size[found.medoids] == np.arange(4)).all()
+    assert (found.error == 0).all()
+    assert np.isfinite(found.second_error).all()
