@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -72,9 +73,9 @@ def extending(folder: Path) -> None:
     count = rows.count("\n") + 1
     head = f"{count}\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
     (folder / "scan.ptx").write_text(f"{head}{rows}\n")
-    shutil.copy(sample.with_suffix(".json"), folder / "scan.json")
-    marks = (folder / "scan.json").read_text().replace('"units": "mm",', "")  # the cloud is in metres: found
-    (folder / "scan.json").write_text(marks)
+    marks = json.loads(sample.with_suffix(".json").read_text())
+    del marks["units"]  # the cloud is in metres: found
+    (folder / "scan.json").write_text(json.dumps(marks))
 
 
 def programs(folder: Path) -> None:

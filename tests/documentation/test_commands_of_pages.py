@@ -182,8 +182,8 @@ def quick(command: Command) -> dict[str, str]:
     if not is_brafit(command) or re.search(r" --(help|cfg)\b", command.text):
         return {}
     settings = QUICK | (FRAMES if "cup=frames" in command.text else {})
-    if "cup.block=" in command.text:  # which has as many terms as the block
-        settings = {key: value for key, value in settings.items() if key != "cup.terms"}
+    if "cup.block=" in command.text:  # which is only like a block with as many terms, and that is sound
+        settings = {key: value for key, value in QUICK.items() if key.startswith(("pattern.", "sinks."))}
     return {key: value for key, value in settings.items() if f"{key}=" not in command.text}
 
 
