@@ -67,7 +67,8 @@ def served(fits: Sequence[StoredFit]) -> None:
     for step in found.steps:
         values = list(curve_row(step).values())
         best, groups = (gap_of(choice, fits, points, weights) for choice in (step.sizes, step.wire_groups))
-        margin = step.wire_groups.served.mean / step.sizes.served.mean
+        least = step.sizes.served.mean  # 0 where everyone has a size of her own
+        margin = step.wire_groups.served.mean / least if least else float("inf")
         shown = [f"{values[0]:.0f}", *(f"{v:.2f}" for v in (*values[1:8], best, groups, margin))]
         print("|", " | ".join(shown), "|", flush=True)
     print(f"by the nearest wire sold: {found.catalogue.served}")

@@ -79,7 +79,7 @@ def extending(folder: Path) -> None:
 
 
 def programs(folder: Path) -> None:
-    """The commands of pyproject.toml, and `python`, as files to run; `brafit` adds the settings of BRAFIT_QUICK."""
+    """`python`, `tensorboard` and the commands of pyproject.toml as files. BRAFIT_QUICK has settings for `brafit`."""
     folder.mkdir()
     entries = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
     for name, entry in entries.items():
@@ -89,8 +89,21 @@ def programs(folder: Path) -> None:
         text = f"#!{sys.executable}\nimport os, sys\nfrom {module} import {function}\n{added}{function}()\n"
         (folder / name).write_text(text)
         (folder / name).chmod(0o755)
-    (folder / "python").write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
-    (folder / "python").chmod(0o755)
+    for name, arguments in (("python", ""), ("tensorboard", "-m tensorboard.main ")):
+        (folder / name).write_text(f'#!/bin/sh\nexec {sys.executable} {arguments}"$@"\n')
+        (folder / name).chmod(0o755)
+
+
+def environment(bin_folder: Path, quick: dict[str, str]) -> dict[str, str]:
+    """In which the programs are found and `brafit` gets settings besides; the examples' modules are not on the path."""
+    paths = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path and "extending" not in path]
+    return {
+        **os.environ,
+        "PATH": f"{bin_folder}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *paths]),
+        "BRAFIT_QUICK": "\n".join(f"{key}={value}" for key, value in quick.items()),
+        "OMP_NUM_THREADS": "1",
+    }
 
 
 def run(command: str, folder: Path, bin_folder: Path, quick: dict[str, str] | None = None, seconds: float = 500) -> str:
@@ -106,17 +119,9 @@ def run(command: str, folder: Path, bin_folder: Path, quick: dict[str, str] | No
     Raises:
         AssertionError: it failed; holds all that it printed.
     """
-    paths = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path and "extending" not in path]
-    environment = {
-        **os.environ,
-        "PATH": f"{bin_folder}{os.pathsep}{os.environ['PATH']}",
-        "PYTHONPATH": os.pathsep.join([str(ROOT), *paths]),
-        "BRAFIT_QUICK": "\n".join(f"{key}={value}" for key, value in (quick or {}).items()),
-        "OMP_NUM_THREADS": "1",
-    }
     done = subprocess.run(
-        ["bash", "-ec", command],
-        cwd=folder, env=environment, capture_output=True, text=True, timeout=seconds, stdin=subprocess.DEVNULL,
+        ["bash", "-ec", command], cwd=folder, env=environment(bin_folder, quick or {}),
+        capture_output=True, text=True, timeout=seconds, stdin=subprocess.DEVNULL,
     )  # fmt: skip
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     return done.stdout + done.stderr
