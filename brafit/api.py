@@ -106,13 +106,15 @@ def layer(
     from brafit.run.fitting import target_of
     from brafit.run.recipe import recipe_of
     from brafit.scan import Scan, load_scan
+    from brafit.scan.middle import middle_of
 
     recipe = recipe_of(_listed(settings))
     if recipe.tolerance is not None:
         raise ConfigError("cup.panels=auto: derivatives need a number of panels: cup.panels=3")
     made = DifferentiableFit(recipe.cup, recipe.solver, recipe.condition, recipe.restarts, matrix)
     loaded = [scan if isinstance(scan, Scan) else load_scan(scan, **recipe.scan) for scan in scans]
-    return made, [target_of(scan) for scan in loaded]
+    thickness = recipe.pattern.cloth["thickness"]
+    return made, [target_of(middle_of(scan, thickness)) for scan in loaded]
 
 
 def _listed(settings: str | Sequence[str]) -> Sequence[str]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--count", type=int, default=10, help="bodies (10)")
     parser.add_argument("--out", type=Path, required=True, help="folder of the scans")
+    parser.add_argument("--first", type=int, default=1, help="number of the first: goes on with a set (1)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--points", type=int, default=60_000, help="points of a scan (60000)")
     parser.add_argument("--noise", type=float, default=0.3, help="standard deviation, mm (0.3)")
@@ -43,10 +45,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--holes", type=int, default=0, help="round holes of 8 to 20 mm radius (0)")
     parser.add_argument("--high", action="store_true", help="cameras above only: shadow under the breast")
     parser.add_argument("--kind", choices=tuple(KINDS), default="plain", help="of body (plain: standing torsos)")
+    parser.add_argument(
+        "--accepted", action="store_true", help="landmarks pass as looked at: none is refused as doubtful"
+    )
     parser.add_argument("--spheres", action="store_true", help="quarter spheres instead of bodies")
     options = parser.parse_args(arguments)
     model = None if options.spheres else Bodies()
-    for k in range(options.count):
+    for k in range(options.first - 1, options.first - 1 + options.count):
         random = np.random.default_rng((options.seed, k))
         if options.spheres:
             name = f"sphere_{k + 1:04d}"
@@ -61,6 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         name = f"body_{k + 1:04d}"
         dense = sample_faces(vertices, faces, DENSE)
         marks = proposed_landmarks(options.out / f"{name}.ply", dense)
+        marks = [replace(own, proposed=False) for own in marks] if options.accepted else marks
         cameras = Scanner.directions(0.8, 0.0) if options.high else Scanner.directions(0.4, 0.3)
         scanner = Scanner(cameras, options.points, options.noise, options.outliers, options.holes)
         cloud = simulate(vertices, faces, scanner, random)

@@ -14,8 +14,9 @@ from shapely import LineString, Point, Polygon
 
 from brafit.pattern.allowance import Ring, cut_outlines, signed_area, valid_polygon
 from brafit.pattern.caption import place_captions
+from brafit.pattern.cloth import as_cut, cloth_words, unequal
 from brafit.pattern.curve import Curve, closed, curves_through, enclosed_area
-from brafit.pattern.grain import grain_line, grain_name, too_wide
+from brafit.pattern.grain import grain_angle, grain_line, grain_name, too_wide
 from brafit.pattern.label import Caption, Label, Sight, place_label
 from brafit.pattern.notch import Notch, notch_places, notches_on
 from brafit.pattern.options import PatternOptions
@@ -174,7 +175,7 @@ def finish(
         date: for the labels; empty: none.
         figures: the fit's measured figures; `twist_deg_max` is checked if it is there.
     """
-    sewn = _sewn(pieces, options)
+    sewn = _sewn(pieces, options, side)
     seams: dict[str, tuple[float, ...]] = {}
     eased: dict[str, tuple[float, ...]] = {}
     marks: dict[str, dict[str, list[float]]] = {}
@@ -189,10 +190,11 @@ def finish(
         for edge, sides in seams.items()
         if max(sides) - min(sides) > options.seam_tolerance
     ]
+    change, remedy = unequal(options)
     if not whole:  # sides that match before ease need not afterwards: every piece is eased along its own chord
         whole += [
-            f"seam '{edge}': with this ease its sides are {max(sides) - min(sides):.1f} mm different in length; "
-            "sew notch to notch, or ease width and height alike"
+            f"seam '{edge}': with this {change} its sides are {max(sides) - min(sides):.1f} mm different in length; "
+            f"sew notch to notch, or {remedy}"
             for edge, sides in eased.items()
             if max(sides) - min(sides) > options.seam_tolerance
         ]
@@ -237,22 +239,17 @@ class _Sewn:
     outward: float
 
 
-def _sewn(pieces: Sequence[Piece], options: PatternOptions) -> list[_Sewn]:
+def _sewn(pieces: Sequence[Piece], options: PatternOptions, side: Side) -> list[_Sewn]:
     curves = iter(curves_through([edge.points for piece in pieces for edge in piece.edges]))
-    stretch = _stretch(options)
-    found = []
+    change, found = as_cut(options, side), []
     for piece in pieces:
         own = [next(curves) for _ in piece.edges]
-        eased = own if (stretch == 1).all() else [curve.map(lambda points: points * stretch) for curve in own]
+        eased = own if (change == np.eye(2)).all() else [curve.map(lambda points: points @ change) for curve in own]
         outline = closed(eased, _FINE)
         widths = [options.allowed(edge.kind) for edge in piece.edges]
         seams = [edge.name if edge.kind == "ridge" else "" for edge in piece.edges]
         found.append(_Sewn(piece, own, eased, widths, seams, outline, 1.0 if signed_area(outline) > 0 else -1.0))
     return found
-
-
-def _stretch(options: PatternOptions) -> Float[ndarray, "2"]:
-    return 1 + np.array((options.ease["width"], options.ease["height"])) / 100
 
 
 def _finish(
@@ -265,6 +262,7 @@ def _finish(
     names: tuple[str, Side, str, str],
 ) -> CutPiece:
     piece, eased, widths = sewn.piece, sewn.eased, sewn.widths
+    name, side, number, date = names
     warnings = list(about)
     coarse = closed(eased, _COARSE)
     crossed = len(self_crossings(coarse))
@@ -275,7 +273,7 @@ def _finish(
         warnings.append(f"the edges miss each other by {gap:.2f} mm at an end")
     warnings += [] if crossed else messages
     outline = closed(cut, _FINE)
-    if clipped := too_wide(outline, options):
+    if clipped := too_wide(outline, options, side):
         warnings.append(clipped)
     notches = [
         notch
@@ -285,9 +283,9 @@ def _finish(
         )
     ]
     inside = valid_polygon(coarse)
-    holes = [replace(hole, point=hole.point * _stretch(options)) for hole in piece.holes]
+    holes = [replace(hole, point=hole.point @ as_cut(options, side)) for hole in piece.holes]
     holes = [hole for hole in holes if inside.contains(Point(*hole.point).buffer(2.0))]
-    grain = grain_line(inside, options.grain, holes)
+    grain = grain_line(inside, grain_angle(options, side), holes)
     sight = Sight(inside, Polygon(closed(cut, _COARSE)), [line for notch in notches for line in notch.strokes])
     for hole in holes:
         sight.take(Point(*hole.point).buffer(3.5))
@@ -295,7 +293,6 @@ def _finish(
     named = [(notch.name, notch.foot, notch.inward) for notch in notches if notch.name]
     inner = [(hole.name, hole.point) for hole in holes]
     captions = place_captions(sight, eased, named, inner, (grain_name(options), grain))
-    name, side, number, date = names
     widest: Side = "right" if options.pair else side  # the label of the mirrored piece needs its room too
     label = place_label(sight, _label(piece, options, name, widest, number, date), _wrapped(warnings))
     label = _for_side(label, widest, side)
@@ -324,7 +321,7 @@ def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number:
     lines = [piece.name, number, name, f"{side} cup", options.size and f"size {options.size}"]
     lines += [f"cut {options.quantity}"]  # of a pair both sides are drawn, and each says so for itself
     lines += [f"allowance {allowance}", f"casing {options.length(casing)} more" if casing else ""]
-    lines += [f"ease {ease}" if ease else "no ease", date]
+    lines += [f"ease {ease}" if ease else "no ease", *cloth_words(options), date]
     return tuple(" ".join(line.split()) for line in lines if line.strip())
 
 

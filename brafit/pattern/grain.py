@@ -12,12 +12,17 @@ from numpy import ndarray
 from shapely import LineString, Polygon
 
 from brafit.pattern.options import PatternOptions
-from brafit.pattern.piece import Hole
+from brafit.pattern.piece import Hole, Side
 
 _CLEAR = (4.0, 2.0, 0.0)
 """Distances in mm that the line keeps from sewing lines, the first that leaves it long enough."""
 _SHORT = 20.0
 """A line in mm shorter than this is hard to lay along the grain."""
+
+
+def grain_angle(options: PatternOptions, side: Side) -> float:
+    """Its direction on the drawn piece, in degrees from +x; the pieces of the two sides are mirror images."""
+    return options.grain if side == "left" else 180.0 - options.grain
 
 
 def grain_name(options: PatternOptions) -> str:
@@ -64,10 +69,10 @@ def _longest_line(
     return best
 
 
-def too_wide(outline: Float[ndarray, "n 2"], options: PatternOptions) -> str:
+def too_wide(outline: Float[ndarray, "n 2"], options: PatternOptions, side: Side) -> str:
     """What to say if the piece does not fit the cloth: its grain line along the selvedge; cloth that stretches may lie
     either way."""
-    angle = math.radians(options.grain)
+    angle = math.radians(grain_angle(options, side))
     ways = [np.array((-math.sin(angle), math.cos(angle)))]
     ways += [np.array((math.cos(angle), math.sin(angle)))] * options.stretch
     across = min(float(np.ptp(outline @ way)) for way in ways)

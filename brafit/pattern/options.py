@@ -30,11 +30,16 @@ class PatternOptions:
         allowance: seam allowance of each kind of edge: `wire`, `ridge`, `upper`.
         ease: by how many per cent pieces are made larger (negative: smaller, for stretch cloth) along the wire's chord
             (`width`) and at right angles to it (`height`). Allowances keep their width.
+        cloth: what the cup is made of, each 0 for without: `thickness`, mm: the cup is the middle of the material,
+            half of it outside of the skin; `stretch` and `stretch_across`, by how many per cent of its length the cloth
+            is stretched along and across the grain line when the cup is worn: pieces are cut smaller by that, see
+            `brafit.pattern.cloth`.
         notches: matching notches on the wire and on each seam; those in the outer half are double.
         notch_depth: length of a notch; at most two thirds of the allowance are cut into.
         notch_form: one of `NOTCHES`: a slit, a V that is cut out, or a slit with a bar at its end.
         notch_width: of a V, and of a T's bar.
-        grain: direction of the grain line in degrees from the chord of the piece's lower edge.
+        grain: direction of the grain line in degrees from the chord of the piece's lower edge, as seen on a left cup;
+            right ones are its mirror image.
         stretch: whether the cloth stretches: that line is the direction of its greatest stretch then.
         wire: the wire's channel, each 0 for without: `casing`, cloth beyond the wire edge's allowance that is turned
             over the wire (bought channelling needs none); `play`, by how much the channel is longer than the wire at
@@ -58,6 +63,9 @@ class PatternOptions:
     report: bool = True
     allowance: Mapping[str, float] = field(default_factory=lambda: {"wire": 6.0, "ridge": 6.0, "upper": 6.0})
     ease: Mapping[str, float] = field(default_factory=lambda: {"width": 0.0, "height": 0.0})
+    cloth: Mapping[str, float] = field(
+        default_factory=lambda: {"thickness": 0.0, "stretch": 0.0, "stretch_across": 0.0}
+    )
     notches: int = 2
     notch_depth: float = 3.0
     notch_form: str = "slit"
@@ -87,6 +95,8 @@ class PatternOptions:
             _at_least(f"wire.{part}", self.wire.get(part), 0.0)
         for way in ("width", "height"):
             _at_least(f"ease.{way}", self.ease.get(way), -50.0)
+        for name in ("thickness", "stretch", "stretch_across"):
+            _at_least(f"cloth.{name}", self.cloth.get(name), 0.0)
         _one_of("notch_form", self.notch_form, NOTCHES)
         for name in ("notches", "notch_depth", "notch_width", "seam_tolerance", "twist_limit"):
             _at_least(name, getattr(self, name), 0.0)

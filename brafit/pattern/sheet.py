@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from brafit.pattern.cloth import cloth_words
 from brafit.pattern.drawing import (
     BLACK,
     INFO,
@@ -145,14 +146,15 @@ def legend(patterns: Sequence[Pattern], at: Float[ndarray, "2"], room: float = R
 
 
 def _contents(patterns: Sequence[Pattern]) -> list[str]:
-    """Size, sides and number of the pieces that are drawn, and how often each is cut."""
+    """Size, sides and number of the pieces that are drawn, how often each is cut, and of what cloth."""
     options, sizes = patterns[0].options, {pattern.options.size for pattern in patterns}
     columns = [column for pattern in patterns for column in pattern.drawn]
     sides = sorted({piece.side for column in columns for piece in column})
     count = sum(map(len, columns))
     words = f"{' and '.join(sides)} cup, {count} piece{'s' * (count > 1)}"
     words += f", cut each {options.quantity} times" * (options.quantity > 1)
-    return [f"size {size}" for size in sizes if size and len(sizes) == 1] + [words]
+    own = [f"size {size}" for size in sizes if size and len(sizes) == 1] + [words]
+    return own + cloth_words(options)
 
 
 def _rows(pieces: Sequence[CutPiece], options: PatternOptions) -> list[tuple[Callable[[float], Item], str]]:

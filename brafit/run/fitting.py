@@ -9,12 +9,14 @@ from typing import Any
 from brafit.fitting import CupFit, Step, Target
 from brafit.fitting.objective import APEX
 from brafit.pattern import Side
+from brafit.pattern.cloth import cloth_words
 from brafit.report.uncovered import uncovered_share
 from brafit.result import Result
 from brafit.run.choice import Course, chosen, with_bust_point
 from brafit.run.likeness import judged
 from brafit.run.recipe import Recipe
 from brafit.scan import Scan
+from brafit.scan.middle import middle_of
 from brafit.surface import point_weights
 
 
@@ -45,6 +47,7 @@ def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callable[[Step], Non
         scans: of the batch.
         callback: called with a `Step` after every step.
     """
+    scans = [middle_of(scan, _thickness(recipe)) for scan in scans]
     targets, course = [target_of(scan) for scan in scans], Course(callback)
     guessed = [recipe.condition.seam == APEX and target.apex is None for target in targets]
     if any(guessed):
@@ -79,19 +82,27 @@ def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
         "strap point": "none" if scan.strap_point is None else scan.origin.marks,
         "apex": "not given: the cup's point farthest from the chest" if scan.apex is None else scan.origin.marks,
     }
+    words = cloth_words(recipe.pattern)
+    if thickness := _thickness(recipe):
+        words[0] += f": the cup is its middle, {recipe.pattern.length(thickness / 2)} outside of the skin"
+    sources |= {"cloth": "; ".join(words)} if words else {}
     side: Side = "right" if scan.side == "right" else "left"
-    facts = scan_facts(scan, fit) | {"settings": recipe.settings}
+    facts = scan_facts(scan, fit, middle_of(scan, thickness)) | {"settings": recipe.settings}
     return Result(fit, _unweighted(scan), side, scan.frame, recipe.pattern, sources, recipe.model, facts)
 
 
-def scan_facts(scan: Scan, fit: CupFit) -> dict[str, Any]:
-    """What became of the scan before the fit, and how much of the cup has no data."""
+def _thickness(recipe: Recipe) -> float:
+    return recipe.pattern.cloth["thickness"]
+
+
+def scan_facts(scan: Scan, fit: CupFit, middle: Scan) -> dict[str, Any]:
+    """What became of the scan before the fit, and how much of the cup has no data. `middle`: what was fitted."""
     return {
         "cleaning": asdict(scan.cleaning),
         "units": asdict(scan.units),
         "origin": asdict(scan.origin),
         "notes": [*scan.notes, *fit.notes],
-        "uncovered_share": uncovered_share(fit.shape, scan.dense),
+        "uncovered_share": uncovered_share(fit.shape, middle.dense),
         "assumed_points": len(scan.assumed),
         "landmarks": {
             "wire_points": len(scan.wire),

@@ -171,6 +171,15 @@ class EaseConfig:
 
 
 @dataclass
+class ClothConfig:
+    """pattern.cloth"""
+
+    thickness: float = limited(0, 30)
+    stretch: float = limited(0, 200)
+    stretch_across: float = limited(0, 200)
+
+
+@dataclass
 class WireConfig:
     """pattern.wire"""
 
@@ -190,6 +199,7 @@ class PatternConfig:
     report: bool = MISSING
     allowance: AllowanceConfig = field(default_factory=AllowanceConfig)
     ease: EaseConfig = field(default_factory=EaseConfig)
+    cloth: ClothConfig = field(default_factory=ClothConfig)
     notches: int = limited(0, 20)
     notch_depth: float = limited(0, 20)
     notch_form: str = one_of("slit", "v", "t")

@@ -223,6 +223,61 @@ def test_ease_stretches_pieces_but_not_allowances():
             np.testing.assert_allclose(n.foot, m.foot * (0.92, 1.05), atol=1e-9)
 
 
+def cloth(stretch: float = 0.0, across: float = 0.0, thickness: float = 0.0) -> dict[str, float]:
+    return {"thickness": thickness, "stretch": stretch, "stretch_across": across}
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("grain", [90.0, 25.0])
+def test_cloth_that_stretches_covers_the_cup_again(grain, side):
+    """The cut piece, stretched along and across its own grain line as was said, is the piece as it is worn."""
+    plain, cut = (lunes(side=side, grain=grain, cloth=own) for own in (cloth(), cloth(stretch=20.0, across=5.0)))
+    for worn, piece in zip(plain.pieces, cut.pieces, strict=True):
+        along = piece.grain[1] - piece.grain[0]
+        along /= np.linalg.norm(along)
+        np.testing.assert_allclose(
+            abs(along @ (worn.grain[1] - worn.grain[0])), np.linalg.norm(np.diff(worn.grain, axis=0))
+        )
+        across = np.array((-along[1], along[0]))
+        points = piece.sew_outline(1e-4)
+        stretched = 1.2 * (points @ along)[:, None] * along + 1.05 * (points @ across)[:, None] * across
+        away = [Polygon(worn.sew_outline(1e-4)).exterior.distance(Point(*point)) for point in stretched[::5]]
+        assert max(away) < 1e-3
+        assert piece.area * 1.2 * 1.05 == pytest.approx(worn.area, abs=1e-3)
+        told = (*piece.label.lines, *piece.label.left_out)
+        assert "stretch 20 % along grain: 16.7 % less" in told
+        assert "stretch 5 % across grain: 4.8 % less" in told
+
+
+def test_pieces_of_the_two_sides_are_mirror_images_whatever_the_grain():
+    (left, right) = (lunes(side=side, grain=30.0, cloth=cloth(20.0)).pieces for side in ("left", "right"))
+    for one, other in zip(left, right, strict=True):
+        outline = Polygon(other.mirrored().sew_outline(1e-3))
+        assert Polygon(one.sew_outline(1e-3)).symmetric_difference(outline).area < 1e-3 * one.area
+
+
+def test_seams_match_in_cloth_that_stretches_alike_both_ways_and_are_told_otherwise():
+    pieces = pieces_from_panels([lune_flat(2)[0], a_bent_panel()])
+    for along, across, unequal in ((20.0, 20.0, False), (20.0, 0.0, True)):
+        options = PatternOptions(cloth=cloth(along, across))
+        found = finish(pieces, options, name="x", side="left")
+        sides = [line.length for piece in found.pieces for line in piece.sew if line.name == "ridge"]
+        assert (abs(sides[0] - sides[1]) > 0.5) == unequal
+        told = [words for words in found.warnings if "with this stretch its sides are" in words]
+        assert len(told) == unequal
+        if unequal:
+            assert f"{abs(sides[0] - sides[1]):.1f} mm" in told[0]
+        else:
+            assert max(sides) - min(sides) < 1e-3
+
+
+def test_labels_name_thick_cloth():
+    plain, thick = lunes(), lunes(cloth=cloth(thickness=3.0))
+    assert all("cloth 3.0 mm thick" in piece.label.lines for piece in thick.pieces)
+    for one, other in zip(plain.pieces, thick.pieces, strict=True):
+        np.testing.assert_array_equal(one.cut_outline(), other.cut_outline())
+
+
 @pytest.mark.parametrize("grain", [0.0, 30.0, 90.0])
 def test_grain_line_and_label_are_on_the_piece(grain):
     for piece in lunes(3, grain=grain).pieces:
@@ -461,6 +516,8 @@ def test_areas_and_lengths_of_the_finished_pieces():
         ({"allowance": {"wire": 6.0, "ridge": -1.0, "upper": 6.0}}, "pattern.allowance.ridge=-1"),
         ({"allowance": {"wire": 6.0}}, "pattern.allowance.ridge=None"),
         ({"ease": {"width": -80.0, "height": 0.0}}, "pattern.ease.width"),
+        ({"cloth": {"thickness": 0.0, "stretch": -5.0, "stretch_across": 0.0}}, "pattern.cloth.stretch=-5"),
+        ({"cloth": {"stretch": 0.0, "stretch_across": 0.0}}, "pattern.cloth.thickness=None"),
         ({"quantity": 0}, "pattern.quantity=0"),
         ({"notch_form": "u"}, "pattern.notch_form=u: must be one of slit, v, t"),
         ({"notch_width": -1.0}, "pattern.notch_width=-1"),

@@ -56,6 +56,14 @@ def test_the_same_seed_makes_the_same_scans(tmp_path):
     assert one == two != other
 
 
+def test_a_set_goes_on_where_it_was_broken_off(tmp_path):
+    make(tmp_path / "whole", "--spheres", "--count", "2", "--points", "500")
+    make(tmp_path / "rest", "--spheres", "--first", "2", "--count", "1", "--points", "500")
+    assert not (tmp_path / "rest" / "sphere_0001.ply").exists()
+    whole, rest = (tmp_path / name / "sphere_0002.ply" for name in ("whole", "rest"))
+    assert whole.read_bytes() == rest.read_bytes()
+
+
 def test_without_the_bodies_package_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "anny", None)
     with pytest.raises(BrafitError, match=r"pip install 'brafit\[bodies\]'"):
