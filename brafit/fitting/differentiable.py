@@ -21,7 +21,7 @@ from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, SMOOTHING, Wire
 from brafit.fitting.implicit import Data, Kind, Optimum, Problem, at_optimum, polished
-from brafit.fitting.loop import starting_problems, winners
+from brafit.fitting.loop import TRIALS, starting_problems, winners
 from brafit.fitting.neckline import DENSE, LEAST, intervals, side_rows
 from brafit.fitting.objective import Conditions, Objective, Pressure, weight_names
 from brafit.fitting.solver import Solver
@@ -175,8 +175,8 @@ class DifferentiableFit:
 
     def _fitted(self, targets: Sequence[Target], wires: Wire, near: FittedCups | None) -> tuple[Objective, Pressure]:
         """The objective with cups where the solver stopped, and the weights that it ended with."""
-        restarts = self.restarts if near is None else 1
-        objective = starting_problems(targets, wires, self.cup, self.condition, restarts)
+        restarts, trials = (self.restarts, TRIALS) if near is None else (1, 1)
+        objective = starting_problems(targets, wires, self.cup, self.condition, restarts, trials=trials)
         if not objective.cup.exact:
             raise ValueError(f"{type(objective.cup).__name__} has constraints; derivatives need a cup without any")
         if near is not None:

@@ -164,7 +164,7 @@ class LM:
             value[value.isnan()] = torch.inf
             if stage.keep is not None:
                 final = stage.keep == min(s.keep for s in stages if s.keep is not None)
-                live = self._drop(live, value, objective.groups, stage.keep, codes, notes if final else None)
+                live = self._drop(live, value, objective.rivals, stage.keep, codes, notes if final else None)
         pressure = Pressure(penalty, multipliers, barrier, neckline, seam)
         return Solution(close(objective, place, pressure), codes, steps, pressure, notes)
 

@@ -34,7 +34,7 @@ from brafit.fitting.objective import APEX, SEAM_LIMIT, Conditions, Objective, Pr
 from brafit.fitting.result import ResultCode
 from brafit.fitting.shards import in_shards
 from brafit.fitting.solver import Callback, Solution, Solver
-from brafit.fitting.start import start_cups
+from brafit.fitting.start import nearest_ridges, start_cups
 from brafit.fitting.targets import Target, Targets
 from brafit.geometry.development import FlatPanel
 
@@ -48,6 +48,8 @@ ISOMETRY_LIMIT = 1.0
 """Largest difference of lengths in space and in the pattern, in mm, of anything that is a cup at all."""
 REMEDY = "Try more starts (restarts=6) or another number of panels (cup.panels)"
 """What helps where a fit is no cup."""
+TRIALS = 2
+"""Ridges that are tried where one is to run through the apex: of several the nearest is not always the best."""
 UNCERTAIN = 2.0
 """Largest standard deviation (mm) of an outline's place without a warning."""
 TIGHT = 10.0
@@ -231,8 +233,12 @@ def starting_problems(
     restarts: int,
     dtype: torch.dtype = torch.float64,
     device: torch.device | str = "cpu",
+    trials: int = TRIALS,
 ) -> Objective:
     """The objective of all starts of all scans, scan by scan, its cups at their starts.
+
+    Where a ridge is to run through the apex (`Conditions.seam`), the nearest ones are tried in turn: each of them has
+    as many starts.
 
     Args:
         targets: the scans.
@@ -242,17 +248,24 @@ def starting_problems(
         restarts: starts per scan.
         dtype: precision of the problems.
         device: where they are computed.
+        trials: how many ridges are tried, at most.
     """
-    repeated = torch.arange(len(targets)).repeat_interleave(restarts)
-    model = cup(wires.select(repeated).to(device=device, dtype=dtype))
-    repeated = repeated.to(device)
-    batch = Targets.stack(targets, model.wire.scale[::restarts], neckline_wave=condition.neckline_wave)
-    batch = batch.select(repeated)
-    curves = start_cups(model, targets, restarts)
+    one = cup(wires.select(torch.arange(len(targets))).to(device=device, dtype=dtype))
+    trials = min(trials, one.panels - 1) if condition.seam == APEX and one.exact and one.panels > 1 else 1
+    each = restarts * trials
+    repeated = torch.arange(len(targets), device=device).repeat_interleave(each)
+    model = one.select(repeated) if each > 1 else one
+    batch = Targets.stack(targets, one.wire.scale, neckline_wave=condition.neckline_wave).select(repeated)
+    tried = [target for target in targets for _ in range(trials)]
+    curves = start_cups(model, tried, restarts)
+    ridges = None
+    if trials > 1:
+        nearest = nearest_ridges(targets, curves[::each])[:, :trials]
+        ridges = torch.from_numpy(nearest).to(device).flatten().repeat_interleave(restarts)
     # Cups of the paper's model start as arcs of the right size; without points they lose their way.
     guides = torch.as_tensor(curves, dtype=dtype, device=device) / batch.scale[:, None, None, None]
     guides = guides if model.exact else None
-    return Objective(model, batch, condition, repeated, guides)
+    return Objective(model, batch, condition, repeated, guides, ridges)
 
 
 def _best(objective: Objective, solution: Solution) -> Int[Tensor, " scans"]:

@@ -160,6 +160,7 @@ class Objective:
         groups: problems with the same number are starts of the same scan; by default every problem is a scan of its
             own.
         guides: curves for all edges above the wire, evenly sampled, to draw the cups to before points are looked at.
+        ridges: which ridge is drawn to the apex, from 1, problem by problem; None: the one that is nearest.
     """
 
     def __init__(
@@ -169,12 +170,20 @@ class Objective:
         conditions: Conditions,
         groups: Int[Tensor, " batch"] | None = None,
         guides: Float[Tensor, "batch edges m 3"] | None = None,
+        ridges: Int[Tensor, " batch"] | None = None,
     ):
         self.cup, self.targets, self.conditions, self.guides = cup, targets, conditions, guides
+        self.ridges = ridges
         self.groups = torch.arange(cup.batch, device=targets.points.device) if groups is None else groups
         self.guiding = self.moving = False
         self.shares = (1.0, 1.0, 1.0)
         self.final_margin_width = conditions.margin_width
+
+    @property
+    def rivals(self) -> Int[Tensor, " batch"]:
+        """Problems of the same number are starts of one cup, and the best of them can be told early: of the same scan,
+        with the same ridge drawn to the apex."""
+        return self.groups if self.ridges is None else self.groups * self.cup.panels + self.ridges
 
     def _with(self, **changes: object) -> "Objective":
         """A shallow copy with some attributes changed."""
@@ -190,6 +199,7 @@ class Objective:
             targets=self.targets.select(index),
             groups=self.groups[index],
             guides=None if self.guides is None else self.guides[index],
+            ridges=None if self.ridges is None else self.ridges[index],
         )
 
     def finer(self) -> "Objective":
@@ -389,13 +399,16 @@ class Objective:
         return pull("edge to cloud", "rim", gaps, weight, partial(beyond, free=RIM_SPACINGS * targets.spacing[:, None]))
 
     def _ridge_gap(self, shape: CupShape) -> Gaps:
-        """From the apex to the nearest ridge."""
+        """From the apex to the ridge that is drawn to it."""
         apex = self.targets.apex[:, None]
         gaps = [gaps_to_points(shape, ridge, apex, self.moving) for ridge in range(1, self.cup.panels)]
-        nearest = torch.stack([g.vectors.detach().square().sum((-2, -1)) for g in gaps]).argmin(0)
-        rows = torch.arange(len(nearest), device=nearest.device)
+        if self.ridges is None:
+            drawn = torch.stack([g.vectors.detach().square().sum((-2, -1)) for g in gaps]).argmin(0)
+        else:
+            drawn = self.ridges - 1
+        rows = torch.arange(len(drawn), device=drawn.device)
         parts = (f.name for f in fields(Gaps) if f.name != "own")
-        return Gaps(*(torch.stack([getattr(g, name) for g in gaps])[nearest, rows] for name in parts))
+        return Gaps(*(torch.stack([getattr(g, name) for g in gaps])[drawn, rows] for name in parts))
 
     @torch.no_grad()
     def value(self, flat: Flat, pressure: Pressure) -> Float[Tensor, " batch"]:

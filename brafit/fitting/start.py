@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from brafit.cup.base import Cup
 from brafit.fitting.targets import Target
@@ -88,6 +88,23 @@ def start_curves(target: Target, panels: int, count: int, seed: int = 0) -> Floa
             curves[k, i] = evenly_spaced(cloud.section(bottom + share * (top - bottom)), SAMPLES)
         curves[k, -1] = evenly_spaced(last, SAMPLES)
     return curves
+
+
+def nearest_ridges(
+    targets: Sequence[Target], curves: Float[np.ndarray, "scans panels m 3"]
+) -> Int[np.ndarray, "scans ridges"]:
+    """The ridges of cups in the order of their distance from the bust points, numbered from 1; from the lowest where
+    there is no bust point.
+
+    Args:
+        targets: the scans.
+        curves: of their starts, one each, see `start_curves`.
+    """
+    away = np.zeros((len(targets), curves.shape[1] - 1))
+    for row, target in enumerate(targets):
+        if target.apex is not None:
+            away[row] = np.linalg.norm(curves[row, :-1] - target.apex, axis=-1).min(axis=-1)
+    return 1 + np.argsort(away, axis=1, kind="stable")
 
 
 def middles(curves: Float[np.ndarray, "*batch m 3"]) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:

@@ -11,10 +11,12 @@ import pytest
 import torch
 
 import brafit
-from brafit.cup import StripsCup
+from brafit.cup import StripsCup, Wire
 from brafit.errors import ConfigError
 from brafit.fitting import CupFit, ResultCode, Step, Target, fit_targets
 from brafit.fitting import objective as objectives
+from brafit.fitting.lm import LM
+from brafit.fitting.loop import measured_cups, starting_problems
 from brafit.run.choice import Course, chosen, with_bust_point
 from brafit.run.fitting import fitted, result_of, target_of
 from brafit.run.recipe import Recipe, recipe_of
@@ -113,6 +115,26 @@ def test_a_seam_through_the_bust_point_and_its_price(scans: list[Scan]) -> None:
     assert (
         f"{through.figures['rms_mm']:.2f} mm RMS; the closest cup has {price['closest_rms_mm']:.2f}" in through.notes[0]
     )
+
+
+def test_of_several_ridges_the_best_runs_through_the_bust_point(scans: list[Scan]) -> None:
+    """With 4 panels it is not the one that comes to lie nearest by itself: each in turn shows which it is."""
+    recipe = recipe_of([*QUICK, "cup.panels=4", "condition.seam=apex"])
+    (target,) = targets = [target_of(scans[2])]
+    (found,) = fit_targets(targets, recipe.cup, recipe.solver, recipe.condition)
+    assert found.figures["seam_to_apex_mm"] <= 1
+    wires = Wire.stack([Wire.from_polyline(target.wire)])
+    problems = starting_problems(targets, wires, recipe.cup, recipe.condition, 1, trials=3)
+    solution = LM([replace(stage, keep=None) for stage in recipe.solver.stages]).solve(
+        problems, problems.cup.flatten().detach(), None
+    )
+    problems.cup.load_flat(solution.flat)
+    each = [one.figures for one in measured_cups(problems.cup, targets * 3)]
+    assert problems.ridges is not None
+    assert sorted(problems.ridges.tolist()) == [1, 2, 3]
+    best = min(one["rms_mm"] for one in each if one["seam_to_apex_mm"] <= 1)
+    assert found.figures["rms_mm"] == pytest.approx(best, rel=1e-3)
+    assert each[0]["rms_mm"] > 1.1 * best  # the ridge that starts nearest
 
 
 def test_a_pull_that_is_too_weak_is_raised(scans: list[Scan], monkeypatch: pytest.MonkeyPatch) -> None:
