@@ -68,6 +68,7 @@ class Stroke:
         group: what it belongs to: a piece, a part of the legend.
         series: the size that it belongs to, where there are several.
         fill: colour of what a closed path holds; empty: none.
+        colour: of the line, where it is not the pen's.
     """
 
     layer: str
@@ -81,6 +82,12 @@ class Stroke:
     group: str = ""
     series: str = ""
     fill: str = ""
+    colour: str = ""
+
+    @property
+    def ink(self) -> str:
+        """The colour that is seen."""
+        return self.colour or PENS[self.pen].colour
 
     def map(self, move: Move) -> Stroke:
         """Under an isometry."""

@@ -65,15 +65,15 @@ def write_dxf(path: str | Path, patterns: Sequence[Pattern], style: str) -> None
         f"Units: {'METRIC' if unit == 'mm' else 'ENGLISH'}",
     ]
     top = sheet.height + CONTROL + GAP + 30
-    model = [_tags((0, "INSERT"), (8, LAYERS["cut"]), (2, name), *_at((0.0, 0.0))) for name in blocks]
+    model = [tags((0, "INSERT"), (8, LAYERS["cut"]), (2, name), *_at((0.0, 0.0))) for name in blocks]
     model += [_text(words, "cut", scale * np.array((0, top - 5 * row)), 3 * scale) for row, words in enumerate(about)]
     sections = [
         ("HEADER", ""),
         ("BLOCKS", "".join(_block(name, entities) for name, entities in blocks.items())),
         ("ENTITIES", "".join(model)),
     ]
-    text = "".join(_tags((0, "SECTION"), (2, name)) + body + _tags((0, "ENDSEC")) for name, body in sections)
-    write_bytes(path, (text + _tags((0, "EOF"))).encode("ascii"))
+    text = "".join(tags((0, "SECTION"), (2, name)) + body + tags((0, "ENDSEC")) for name, body in sections)
+    write_bytes(path, (text + tags((0, "EOF"))).encode("ascii"))
 
 
 def block_name(text: str, taken: set[str]) -> str:
@@ -129,7 +129,7 @@ def _stroke(stroke: Stroke, scale: float) -> list[str]:
         depth, width = (scale * float(stroke.about[key]) for key in ("depth-mm", "width-mm"))
         size = [(30, depth), *[(39, width)] * (width > 0)]  # depth is the point's z, width its thickness
         return [
-            _tags((0, "POINT"), (8, layer), *_at(root * scale)[:2], *size, (50, angle)) for root, angle in stroke.place
+            tags((0, "POINT"), (8, layer), *_at(root * scale)[:2], *size, (50, angle)) for root, angle in stroke.place
         ]
     return []
 
@@ -160,14 +160,14 @@ def _control_square(scale: float, bottom: float) -> str:
 
 
 def _block(name: str, entities: str) -> str:
-    head = _tags((0, "BLOCK"), (8, "0"), (2, name), (70, 0), *_at((0.0, 0.0)), (3, name), (1, ""))
-    return head + entities + _tags((0, "ENDBLK"), (8, "0"))
+    head = tags((0, "BLOCK"), (8, "0"), (2, name), (70, 0), *_at((0.0, 0.0)), (3, name), (1, ""))
+    return head + entities + tags((0, "ENDBLK"), (8, "0"))
 
 
 def _polyline(points: Float[ndarray, "n 2"], layer: str) -> str:
     number = LAYERS[layer]
-    head = _tags((0, "POLYLINE"), (8, number), (66, 1), *_at((0.0, 0.0)), (70, 0))
-    return head + _each("VERTEX", points, number, (70, 0)) + _tags((0, "SEQEND"), (8, number))
+    head = tags((0, "POLYLINE"), (8, number), (66, 1), *_at((0.0, 0.0)), (70, 0))
+    return head + _each("VERTEX", points, number, (70, 0)) + tags((0, "SEQEND"), (8, number))
 
 
 def _points(points: Float[ndarray, "n 2"], layer: str) -> str:
@@ -176,17 +176,17 @@ def _points(points: Float[ndarray, "n 2"], layer: str) -> str:
 
 def _each(kind: str, points: Float[ndarray, "n 2"], number: str, *more: tuple[int, object]) -> str:
     """An entity for each point."""
-    one = _tags((0, kind), (8, number), (10, "%.6f"), (20, "%.6f"), (30, "0.0"), *more)
+    one = tags((0, kind), (8, number), (10, "%.6f"), (20, "%.6f"), (30, "0.0"), *more)
     return one * len(points) % tuple(points.ravel().tolist())
 
 
 def _line(ends: Float[ndarray, "2 2"], layer: str) -> str:
-    return _tags((0, "LINE"), (8, LAYERS[layer]), *_at(ends[0]), *_at(ends[1], 1))
+    return tags((0, "LINE"), (8, LAYERS[layer]), *_at(ends[0]), *_at(ends[1], 1))
 
 
 def _text(words: str, layer: str, at: Float[ndarray, "2"], height: float, angle: float = 0.0) -> str:
     turn = [(50, angle)] if angle else []
-    return _tags((0, "TEXT"), (8, LAYERS[layer]), *_at(at), (40, height), (1, _plain(words)), *turn)
+    return tags((0, "TEXT"), (8, LAYERS[layer]), *_at(at), (40, height), (1, plain(words)), *turn)
 
 
 def _at(point: Sequence[float] | Float[ndarray, "2"], which: int = 0) -> list[tuple[int, object]]:
@@ -195,7 +195,8 @@ def _at(point: Sequence[float] | Float[ndarray, "2"], which: int = 0) -> list[tu
     return [(10 + which, float(x)), (20 + which, float(y)), (30 + which, 0.0)]
 
 
-def _tags(*pairs: tuple[int, object]) -> str:
+def tags(*pairs: tuple[int, object]) -> str:
+    """Codes and values as a DXF file has them."""
     return "".join(f"{code:3d}\n{f'{v:.6f}' if isinstance(v, float) else v}\n" for code, v in pairs)
 
 
@@ -207,7 +208,7 @@ def _is_corner(outline: Float[ndarray, "n 2"]) -> Bool[ndarray, " n"]:
     return turn > np.radians(12)
 
 
-def _plain(words: str) -> str:
+def plain(words: str) -> str:
     """Text that fits into one line of a DXF file; letters beyond ASCII by their numbers, as release 12 has them."""
     line = " ".join("".join(c if c.isprintable() else " " for c in words).split())
     return "".join(c if c.isascii() else f"\\U+{ord(c):04X}" if ord(c) < 0x10000 else "?" for c in line)

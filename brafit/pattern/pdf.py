@@ -38,7 +38,7 @@ def write_pdf_sheet(path: str | Path, patterns: Sequence[Pattern], title: str, n
         title: usually the scan's name; any text.
         note: a second line, such as the cup's side and model.
     """
-    _write(path, [sheet_page(patterns, title, note)], title)
+    write_pages(path, [sheet_page(patterns, title, note)], title)
 
 
 def write_pdf_projector(path: str | Path, patterns: Sequence[Pattern], title: str, note: str = "") -> None:
@@ -50,7 +50,7 @@ def write_pdf_projector(path: str | Path, patterns: Sequence[Pattern], title: st
         title: usually the scan's name; any text.
         note: a second line, such as the cup's side and model.
     """
-    _write(path, [sheet_page(patterns, title, note)], title, _BOLD)
+    write_pages(path, [sheet_page(patterns, title, note)], title, _BOLD)
 
 
 def write_pdf_tiles(path: str | Path, patterns: Sequence[Pattern], title: str, note: str = "") -> None:
@@ -62,10 +62,18 @@ def write_pdf_tiles(path: str | Path, patterns: Sequence[Pattern], title: str, n
         title: usually the scan's name; any text.
         note: a second line, such as the cup's side and model.
     """
-    _write(path, paper_pages(patterns, title, note), title)
+    write_pages(path, paper_pages(patterns, title, note), title)
 
 
-def _write(path: str | Path, pages: Sequence[Page], title: str, bold: float = 1.0) -> None:
+def write_pages(path: str | Path, pages: Sequence[Page], title: str, bold: float = 1.0) -> None:
+    """Write pages at true size, with a layer for each kind of line of each size.
+
+    Args:
+        path: the file; missing folders are made, and it is never there in part.
+        pages: in their order.
+        title: of the document, any text.
+        bold: what widths of lines are multiplied with.
+    """
     with _canvas(path, title) as canvas:
         layers = _Layers(canvas)
         for page in pages:
@@ -150,7 +158,7 @@ def _items(canvas: Canvas, layers: _Layers, items: Iterable[Item], bold: float) 
 
 def _stroke(canvas: Canvas, stroke: Stroke, bold: float) -> None:
     pen = PENS[stroke.pen]
-    canvas.setStrokeColor(pen.colour)
+    canvas.setStrokeColor(stroke.ink)
     canvas.setLineWidth(pen.width * bold)
     canvas.setDash([float(part) for part in pen.dashes])
     if stroke.fill:

@@ -17,7 +17,7 @@ from numpy import ndarray
 
 from brafit.atomic import write_bytes
 from brafit.pattern.curve import Curve
-from brafit.pattern.drawing import INFO, LAYERS, PENS, Item, Stroke, Words
+from brafit.pattern.drawing import INFO, LAYERS, PENS, Item, Page, Stroke, Words
 from brafit.pattern.finish import Pattern
 from brafit.pattern.sheet import one_line, sheet_page
 
@@ -41,16 +41,32 @@ def write_svg(path: str | Path, patterns: Sequence[Pattern], title: str, note: s
 
 def svg_bytes(patterns: Sequence[Pattern], title: str, note: str = "") -> bytes:
     """The file that `write_svg` writes."""
-    page = sheet_page(patterns, title, note)
+    return page_svg(sheet_page(patterns, title, note), title)
+
+
+def page_svg(page: Page, title: str) -> bytes:
+    """A page as SVG. Where it shows several sizes, each is a layer that holds those of its kinds of lines.
+
+    Args:
+        page: what is drawn; all of it is shown, whatever its frame.
+        title: of the document, any text.
+    """
     root = _document(page.width, page.height, title)
     taken: set[str] = set()
-    layers = {name: _layer(root, name, taken) for name in (*LAYERS, INFO)}
-    pieces = dict.fromkeys(item.group for item in page.items if item.layer in LAYERS)
-    groups = {(name, piece): _piece(layers[name], name, piece, taken) for name in LAYERS for piece in pieces}
+    pieces = dict.fromkeys((item.series, item.group) for item in page.items if item.layer in LAYERS)
+    groups: dict[tuple[str, str, str], ET.Element] = {}
+    for series in dict.fromkeys(series for series, _ in pieces):
+        above = _layer(root, series, taken, "size ") if series else root
+        layers = {name: _layer(above, name, taken) for name in LAYERS}
+        for name in LAYERS:
+            for own, piece in pieces:
+                if own == series:
+                    groups[series, name, piece] = _piece(layers[name], f"{series} {name}", piece, taken)
+    info = _layer(root, INFO, taken)
     for item in page.items:
-        key = (item.layer, item.group)
+        key = (item.series, item.layer, item.group)
         if key not in groups:
-            groups[key] = _child(layers[INFO], "g", id=item.group) if item.group else layers[INFO]
+            groups[key] = _child(info, "g", id=item.group) if item.group else info
         flipped = item.map(lambda points: points * (1, -1) + (0, page.height))
         _drawn(groups[key], flipped)
     ET.indent(root)
@@ -67,9 +83,10 @@ def _document(width: float, height: float, title: str) -> ET.Element:
     return root
 
 
-def _layer(root: ET.Element, name: str, taken: set[str]) -> ET.Element:
-    taken.add(name)
-    return _child(root, "g", id=name, **{f"{{{INKSCAPE}}}label": name, f"{{{INKSCAPE}}}groupmode": "layer"})
+def _layer(above: ET.Element, name: str, taken: set[str], kind: str = "") -> ET.Element:
+    """A layer, in the document or in another layer."""
+    label = {f"{{{INKSCAPE}}}label": one_line(_legal(name)), f"{{{INKSCAPE}}}groupmode": "layer"}
+    return _child(above, "g", id=_identifier(kind + name, taken), **label)
 
 
 def _piece(layer: ET.Element, name: str, piece: str, taken: set[str]) -> ET.Element:
@@ -88,7 +105,7 @@ def _drawn(group: ET.Element, item: Item) -> None:
 def _stroke(group: ET.Element, stroke: Stroke) -> None:
     data = " ".join(_path(path, stroke.closed) for path in stroke.paths)
     pen = PENS[stroke.pen]
-    style = {"stroke": pen.colour, "stroke-width": _number(pen.width), "stroke-linejoin": "round"}
+    style = {"stroke": stroke.ink, "stroke-width": _number(pen.width), "stroke-linejoin": "round"}
     if pen.dashes:
         style["stroke-dasharray"] = " ".join(map(_number, pen.dashes))
     path = _child(group, "path", **{"class": stroke.role}, d=data, fill=stroke.fill or "none", **style)

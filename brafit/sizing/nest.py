@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from brafit.pattern import CutPiece, Pattern, layout, layout_columns
-from brafit.pattern.curve import Curve
+from brafit.pattern.drawing import Item, Stroke, Words, drawn
 from brafit.pattern.marks import BUST_POINT, MATCH_POINT
 
 Align = Literal["apex", "wire", "none"]
@@ -22,31 +22,6 @@ GAP = 12.0
 HUES = 24
 """Colours that are told apart; DXF's wheel of colours has so many hues."""
 _DARK = 0.74
-_DOT = 1.5
-
-
-@dataclass(frozen=True)
-class Stroke:
-    """One line of a drawing, mm.
-
-    Attributes:
-        kind: `cut`, `sew`, `notch`, `drill`, `grain`, or `text` for ticks that are drawn and not cut.
-        curves: one after another.
-        closed: whether the end is joined to the start.
-    """
-
-    kind: str
-    curves: tuple[Curve, ...]
-    closed: bool = False
-
-
-@dataclass(frozen=True)
-class Words:
-    """A text about a point; `height` of its letters, mm."""
-
-    text: str
-    at: Float[ndarray, "2"]
-    height: float
 
 
 @dataclass(frozen=True)
@@ -56,19 +31,18 @@ class Layer:
     Attributes:
         name: of the size.
         hue: number of its colour, 0 to HUES - 1.
-        pieces: for each piece its name and its lines.
-        words: the size's name on its pieces.
+        items: its lines, piece by piece (`group`), and its name on each; none of a piece's other texts, which would
+            lie on one another. All are of the series `name`.
     """
 
     name: str
     hue: int
-    pieces: tuple[tuple[str, tuple[Stroke, ...]], ...]
-    words: tuple[Words, ...]
+    items: tuple[Item, ...]
 
     @property
     def colour(self) -> str:
         """RGB, such as `#bd0000`."""
-        return "#" + "".join(f"{round(255 * v):02x}" for v in colorsys.hsv_to_rgb(self.hue / HUES, 1.0, _DARK))
+        return _colour(self.hue)
 
     @property
     def colour_index(self) -> int:
@@ -78,11 +52,12 @@ class Layer:
 
 @dataclass(frozen=True)
 class Nest:
-    """A drawing of several sizes, mm, y up, its origin in the lower left corner."""
+    """A drawing of several sizes, mm, y up, its origin in the lower left corner. `patterns`: of which it is."""
 
     layers: tuple[Layer, ...]
     width: float
     height: float
+    patterns: tuple[Pattern, ...]
 
 
 @dataclass(frozen=True)
@@ -117,29 +92,27 @@ def nested(patterns: Sequence[Pattern], align: Align = "apex") -> Nest:
     """
     if not patterns:
         raise ValueError("a nest has at least one pattern")
-    drawn = [tuple(piece for column in pattern.drawn for piece in column) for pattern in patterns]
-    several = any(len({piece.side for piece in pieces}) > 1 for pieces in drawn)
+    whole = [tuple(piece for column in pattern.drawn for piece in column) for pattern in patterns]
+    several = any(len({piece.side for piece in pieces}) > 1 for pieces in whole)
     if align == "none":
-        sheet = layout_columns([[_Placed(((k, piece),)) for piece in pieces] for k, pieces in enumerate(drawn)], GAP)
+        sheet = layout_columns([[_Placed(((k, piece),)) for piece in pieces] for k, pieces in enumerate(whole)], GAP)
     else:
         stacks: dict[str, list[tuple[int, CutPiece]]] = {}
-        for k, pieces in enumerate(drawn):
+        for k, pieces in enumerate(whole):
             for piece in pieces:
                 at = anchor(piece, align)
                 name = f"{piece.name} {piece.side}"
                 stacks.setdefault(name, []).append((k, piece.map(lambda points, at=at: points - at)))
         sheet = layout([_Placed(tuple(stack)) for stack in stacks.values()], GAP)
     placed = [entry for stack in sheet.pieces for entry in stack.pieces]
-    layers = [
-        Layer(
-            name=pattern.size,
-            hue=_hue(k, len(patterns)),
-            pieces=tuple((_name(piece, several), _strokes(piece)) for owner, piece in placed if owner == k),
-            words=tuple(_size(piece, pattern.size, k, len(patterns), align) for owner, piece in placed if owner == k),
-        )
-        for k, pattern in enumerate(patterns)
-    ]
-    return Nest(tuple(layers), sheet.width, sheet.height)
+    layers = []
+    for k, pattern in enumerate(patterns):
+        hue, items = _hue(k, len(patterns)), []
+        for piece in (piece for owner, piece in placed if owner == k):
+            items += [*_lines(piece, several), _size(piece, pattern.size, k, len(patterns), align)]
+        own = {"series": pattern.size, "colour": _colour(hue)}
+        layers.append(Layer(pattern.size, hue, tuple(replace(item, **own) for item in items)))
+    return Nest(tuple(layers), sheet.width, sheet.height, tuple(patterns))
 
 
 def anchor(piece: CutPiece, align: Align) -> Float[ndarray, "2"]:
@@ -157,8 +130,14 @@ def _hue(k: int, count: int) -> int:
     return k * HUES // count if count <= HUES else k % HUES
 
 
-def _name(piece: CutPiece, several: bool) -> str:
-    return f"{piece.name} {piece.side}" if several else piece.name
+def _colour(hue: int) -> str:
+    return "#" + "".join(f"{round(255 * v):02x}" for v in colorsys.hsv_to_rgb(hue / HUES, 1.0, _DARK))
+
+
+def _lines(piece: CutPiece, several: bool) -> list[Item]:
+    """What is drawn of a piece but its texts."""
+    name = f"{piece.name} {piece.side}" if several else piece.name
+    return [item for item in drawn(piece, name) if isinstance(item, Stroke) and item.role != "leader"]
 
 
 def _size(piece: CutPiece, name: str, k: int, count: int, align: Align) -> Words:
@@ -171,16 +150,3 @@ def _size(piece: CutPiece, name: str, k: int, count: int, align: Align) -> Words
     if piece.side == "right":
         inward = -inward
     return Words(name, at + 3.0 * inward, 3.0)
-
-
-def _strokes(piece: CutPiece) -> tuple[Stroke, ...]:
-    strokes = [Stroke("cut", piece.cut, closed=True)]
-    strokes += [Stroke("sew", (line.curve,)) for line in piece.sew]
-    for notch in piece.notches:
-        kind = "notch" if notch.is_cut else "text"
-        strokes += [Stroke(kind, (Curve.line(*line),)) for line in notch.strokes]
-    for hole in piece.holes:
-        strokes += [Stroke("drill", (Curve.line(hole.point - d, hole.point + d),)) for d in _DOT * np.eye(2)]
-    if np.linalg.norm(piece.grain[1] - piece.grain[0]) > 0:
-        strokes.append(Stroke("grain", (Curve.line(*piece.grain),)))
-    return tuple(strokes)

@@ -102,7 +102,10 @@ def test_warnings_of_several_patterns_name_their_own(tmp_path):
 
 def test_several_patterns_and_pairs_have_names_of_their_own(tmp_path):
     write_svg(tmp_path / "p.svg", [pattern(pair=True), pattern(name="other")], "x")
-    names = [group.get(LABEL) for group in layers(parse(tmp_path / "p.svg"))["cut"]]
+    sizes = layers(parse(tmp_path / "p.svg"))
+    assert list(sizes) == ["lune", "other", "info"]
+    cuts = [layers(sizes[name])["cut"] for name in ("lune", "other")]
+    names = [group.get(LABEL) for cut in cuts for group in cut]
     assert len(set(names)) == len(names) == 6
     assert "lune right cup upper panel" in names
 

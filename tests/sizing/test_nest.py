@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -12,11 +13,14 @@ from ezdxf.filemanagement import readfile
 from patterns import pattern, program
 
 from brafit.pattern import Pattern
+from brafit.pattern.drawing import LAYERS, Stroke
 from brafit.pattern.marks import MATCH_POINT
-from brafit.sizing.drawing import FILES, nest_dxf, nest_svg, write_nest
-from brafit.sizing.nest import ALIGNS, HUES, Align, anchor, nested
+from brafit.pattern.svg import page_svg
+from brafit.sizing.drawing import FILES, nest_dxf, nest_page, write_nest
+from brafit.sizing.nest import ALIGNS, HUES, Align, Layer, anchor, nested
 
 SIZES = ("1", "2", "3")
+PATH = "{http://www.w3.org/2000/svg}path"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
 
 
@@ -24,6 +28,15 @@ def three() -> list[Pattern]:
     """The same cup with growing ease: three sizes whose pieces have the same names."""
     eases = ({"width": 0.0, "height": 0.0}, {"width": 4.0, "height": 4.0}, {"width": 9.0, "height": 9.0})
     return [pattern(size=size, ease=ease) for size, ease in zip(SIZES, eases, strict=True)]
+
+
+def strokes_of(layer: Layer) -> dict[str, list[Stroke]]:
+    """The lines of a size, piece by piece."""
+    found: dict[str, list[Stroke]] = {}
+    for item in layer.items:
+        if isinstance(item, Stroke):
+            found.setdefault(item.group, []).append(item)
+    return found
 
 
 def lengths(one: Pattern) -> list[float]:
@@ -36,9 +49,9 @@ def test_pieces_lie_on_one_point_and_are_not_turned(align: Align):
     sizes = three()
     nest = nested(sizes, align)
     for place, piece in enumerate(sizes[0].pieces):
-        own = [layer.pieces[place] for layer in nest.layers]
-        assert {name for name, _ in own} == {piece.name}
-        lower = [strokes[1].curves[0] for _, strokes in own]  # after the cut line
+        assert all(list(strokes_of(layer)) == [one.name for one in sizes[0].pieces] for layer in nest.layers)
+        own = [strokes_of(layer)[piece.name] for layer in nest.layers]
+        lower = [strokes[1].paths[0][0] for strokes in own]  # after the cut line
         fixed = [curve.start + anchor(one.pieces[place], align) - one.pieces[place].sew[0].curve.start
                  for curve, one in zip(lower, sizes, strict=True)]  # fmt: skip
         np.testing.assert_allclose(fixed, np.broadcast_to(fixed[0], (3, 2)), atol=1e-9)
@@ -62,9 +75,10 @@ def test_everything_lies_on_the_sheet(align: Align):
         [
             curve.polyline(0.1)
             for layer in nest.layers
-            for _, strokes in layer.pieces
-            for s in strokes
-            for curve in s.curves
+            for strokes in strokes_of(layer).values()
+            for stroke in strokes
+            for path in stroke.paths
+            for curve in path
         ]
     )
     assert (points.min(0) > -1e-6).all()
@@ -75,7 +89,7 @@ def test_side_by_side_no_pieces_meet():
     from shapely import Polygon
 
     nest = nested(three(), "none")
-    cuts = [strokes[0].curves for layer in nest.layers for _, strokes in layer.pieces]
+    cuts = [strokes[0].paths[0] for layer in nest.layers for strokes in strokes_of(layer).values()]
     shapes = [Polygon(np.concatenate([curve.polyline(0.1) for curve in curves])) for curves in cuts]
     assert len(shapes) == 6
     assert all(a.distance(b) > 5 for i, a in enumerate(shapes) for b in shapes[:i])
@@ -89,20 +103,24 @@ def test_colours_differ_as_far_as_there_are_any():
 
 def test_svg_has_a_layer_a_size_at_true_size():
     sizes = three()
-    data = nest_svg(nested(sizes), "a title <&>", "note")
-    root = ET.fromstring(data)
-    layers = [g for g in root if g.get(f"{INKSCAPE}groupmode") == "layer"]
-    assert [g.get(f"{INKSCAPE}label") for g in layers] == list(SIZES)
-    colours = [{path.get("stroke") for path in g.iter("{http://www.w3.org/2000/svg}path")} for g in layers]
+    title = "a title <&>"
+    root = ET.fromstring(page_svg(nest_page(nested(sizes), title, "note"), title))
+    *layers, info = (g for g in root if g.get(f"{INKSCAPE}groupmode") == "layer")
+    assert [g.get(f"{INKSCAPE}label") for g in (*layers, info)] == [*SIZES, "info"]
+    for layer in layers:
+        assert [g.get(f"{INKSCAPE}label") for g in layer] == list(LAYERS)
+        assert all(g.get(f"{INKSCAPE}groupmode") == "layer" for g in layer)
+    colours = [{path.get("stroke") for path in g.iter(PATH)} for g in layers]
     assert all(len(own) == 1 for own in colours)
     assert len(set.union(*colours)) == 3
     for layer, one in zip(layers, sizes, strict=True):
-        paths = [path for path in layer.iter("{http://www.w3.org/2000/svg}path") if path.get("class") == "sew"]
+        paths = [path for path in layer.iter(PATH) if path.get("class", "").startswith("edge")]
         found = sorted(svgelements.Path(path.get("d")).length(error=1e-6) for path in paths)
         np.testing.assert_allclose(found, lengths(one), atol=0.01)
     assert float(root.get("width", "").removesuffix("mm")) == pytest.approx(float(root.get("viewBox", "").split()[2]))
-    square = next(e for e in root.iter("{http://www.w3.org/2000/svg}rect") if e.get("id") == "control-square")
-    assert (square.get("width"), square.get("height")) == ("100", "100")
+    square = next(e for e in info if e.get("id") == "control-square")
+    box = svgelements.Path(square[0].get("d")).bbox()
+    np.testing.assert_allclose((box[2] - box[0], box[3] - box[1]), 100.0, atol=1e-4)
 
 
 def test_dxf_has_layers_of_every_size_in_millimetres(tmp_path: Path):
@@ -135,12 +153,36 @@ def test_pdf_is_one_page_at_true_size(tmp_path: Path):
     np.testing.assert_allclose([float(words[2]) / 72 * 25.4, float(words[4]) / 72 * 25.4], sizes, atol=0.2)
 
 
+def test_pdf_has_a_layer_for_each_kind_of_line_of_each_size(tmp_path: Path):
+    sizes = three()
+    write_nest(tmp_path, nested(sizes), "title")
+    names = re.findall(rb"/Name \(([^)]*)\) /Type /OCG", (tmp_path / FILES[2]).read_bytes())
+    kinds = [kind for kind in LAYERS if kind != "drill" or any(piece.holes for piece in sizes[0].pieces)]
+    assert {name.decode() for name in names} == {f"{size} {kind}" for size in SIZES for kind in kinds} | {"info"}
+
+
+def test_legend_and_sizes_keep_clear_of_each_other_and_of_the_pieces():
+    from shapely import Polygon, box
+
+    page = nest_page(nested(three()), "title", "note")
+    own = [item for item in page.items if item.layer == "info"]
+    words = [Polygon(item.corners) for item in own if not isinstance(item, Stroke)]
+    assert all(box(0, 0, page.width, page.height).contains(one) for one in words)
+    assert not any(a.intersects(b) for i, a in enumerate(words) for b in words[:i])
+    lines = [curve.polyline(0.1) for item in page.items if isinstance(item, Stroke) and item.layer == "cut"
+             for path in item.paths for curve in path]  # fmt: skip
+    low = min(line[:, 1].min() for line in lines)
+    below = [one for one in words if one.bounds[1] < low]
+    assert len(below) > 10
+    assert all(one.bounds[3] < low for one in below)
+
+
 def test_names_of_any_letters_are_kept_apart(tmp_path: Path):
     nest = nested([pattern(size="größe"), pattern(size="größt"), pattern(size="a" * 60), pattern(size="a" * 61)])
     (tmp_path / "nest.dxf").write_bytes(nest_dxf(nest))
     names = {layer.dxf.name for layer in readfile(tmp_path / "nest.dxf").layers if layer.dxf.name.endswith("_SEW")}
     assert len(names) == 4
-    drawn = svgelements.SVG.parse(str(_written(tmp_path / "nest.svg", nest_svg(nest, "x"))))
+    drawn = svgelements.SVG.parse(str(_written(tmp_path / "nest.svg", page_svg(nest_page(nest, "x"), "x"))))
     assert drawn.width > 100
     with pytest.raises(ValueError, match="at least one pattern"):
         nested([])
