@@ -142,6 +142,7 @@ def _breast(breast: Landmarks, start: Start, skin: Skin) -> dict[str, Any]:
         "side": breast.side,
         "origin": "proposed" if breast.proposed else "given",
         "detected": breast.side in start.detected,
+        "backwards": breast.side in start.turned,
         "confidence": None if confidence is None else round(confidence.value, 2),
         "doubts": [] if confidence is None else [_doubt(key, confidence) for key in confidence.unusual],
         "wire": told(breast.wire),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -40,6 +41,7 @@ class Start:
         named: the marked points that the landmark file or the proposal names, by side.
         confidence: of those that nobody looked at, by side.
         detected: sides whose wire the landmark file does not have: it was found in the crease.
+        turned: sides whose wire the landmark file has from its outer end.
         sides: breasts that can be marked.
         axes: rows: to the wearer's left, up, out of the chest.
         mirror: the plane between left and right, if the body is symmetric enough to carry marks over.
@@ -54,6 +56,7 @@ class Start:
     named: dict[str, dict[str, Float[ndarray, "3"]]]
     confidence: dict[str, Confidence]
     detected: tuple[str, ...]
+    turned: tuple[str, ...]
     sides: tuple[str, ...]
     axes: Float[ndarray, "3 3"]
     mirror: Mirror | None
@@ -91,30 +94,40 @@ def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
         whole=marked.whole,
         unit=marked.units.cloud,
         unit_from=unit_from,
-        breasts=tuple(marks for marks, *_ in found),
+        breasts=tuple(one.marks for one in found),
         named={marks.side: marks.points for marks in marked.breasts},
-        confidence={marks.side: confidence for marks, _, confidence in found if confidence is not None},
-        detected=tuple(marks.side for marks, origin, _ in found if origin == "detected"),
+        confidence={one.marks.side: one.confidence for one in found if one.confidence is not None},
+        detected=tuple(one.marks.side for one in found if one.origin == "detected"),
+        turned=tuple(one.marks.side for one in found if one.turned),
         sides=_sides(marked.whole, side, [marks.side for marks in marked.breasts]),
-        axes=_axes(marked),
+        axes=_axes(marked, [one.marks for one in found]),
         mirror=_mirror(marked.whole),
         faults=faults,
         notes=(),
     )
 
 
-def _breast(
-    marked: Marked, marks: Landmarks, faults: dict[str, tuple[str, ...]]
-) -> tuple[Landmarks, str, Confidence | None]:
-    """One breast's marks with the wire that a fit takes, where that is from, and how far marks that nobody looked at
-    can be trusted; why a fit would refuse them is added to the faults.
+@dataclass(frozen=True)
+class _Breast:
+    """One breast's marks with the wire that a fit takes, where that is from, whether the file has it from its outer
+    end, and how far marks that nobody looked at can be trusted.
     """
+
+    marks: Landmarks
+    origin: str
+    turned: bool
+    confidence: Confidence | None
+
+
+def _breast(marked: Marked, marks: Landmarks, faults: dict[str, tuple[str, ...]]) -> _Breast:
+    """One breast. Why a fit would refuse its marks is added to the faults."""
     try:
         breast = framed(marked, marks.side, None)
     except InputError as error:
         faults[marks.side] = (f"as the page began: {error.cause}",)
-        return marks, "given", marked.proposed.get(marks.side)
-    return breast.marks, breast.wire_origin, breast.confidence
+        return _Breast(marks, "given", False, marked.proposed.get(marks.side))
+    turned = breast.turned and breast.wire_origin != "detected"
+    return _Breast(breast.marks, breast.wire_origin, turned, breast.confidence)
 
 
 def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputError) -> Start:
@@ -129,6 +142,7 @@ def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputEr
         named={},
         confidence={},
         detected=(),
+        turned=(),
         sides=_sides(whole, side, []),
         axes=_facing(whole.cloud.points) if body is None else np.stack([body.left, body.up, body.front]),
         mirror=_mirror(whole),
@@ -167,9 +181,11 @@ def _mirror(whole: Whole) -> Mirror | None:
     return whole.mirror if whole.is_torso and whole.mirror.rms <= MIRROR_MOST else None
 
 
-def _axes(marked: Marked) -> np.ndarray:
-    """The body's axes: from the marks, put upright; from its shape, where they say too little."""
-    marks = next((own for own in marked.breasts if own.wire is not None and "apex" in own.points), None)
+def _axes(marked: Marked, breasts: Sequence[Landmarks]) -> np.ndarray:
+    """The body's axes: from the marks, wires from their inner ends, put upright; from its shape, where they say too
+    little.
+    """
+    marks = next((own for own in breasts if own.wire is not None and "apex" in own.points), None)
     if marks is None or marks.wire is None:
         body = _body(marked.whole)
         return _facing(marked.cloud.points) if body is None else np.stack([body.left, body.up, body.front])

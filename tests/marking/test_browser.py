@@ -8,6 +8,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from check_patterns import MissingReaderError
 from brafit.cli.mark import main
 from brafit.geometry.polyline import distances, polyline_length
 from brafit.landmarks import landmarks_path, landmarks_text, read_breasts, read_landmarks
+from brafit.landmarks.cup_frame import frame_from_wire
 from brafit.underwires.nearest import nearest_wire
 
 POINTS = 25_000
@@ -136,6 +138,46 @@ def test_untouched_marks_are_saved_as_they_were(tmp_path, context):
     step = 1000 * (moved.points["apex"] - found.points["apex"])
     assert step[0] == pytest.approx(1.0, abs=0.05)
     np.testing.assert_allclose(1000 * moved.wire, 1000 * found.wire, atol=1e-9)
+
+
+def test_lines_given_from_the_outer_end_are_saved_that_way_round_until_they_are_moved(tmp_path, context):
+    path = tmp_path / "torso.npy"
+    marks = torso_marks(path)
+    assert marks.wire is not None
+    strap = marks.points["strap_point"]
+    corners = (marks.wire[0], strap, marks.wire[-1])
+    line = np.concatenate([np.linspace(a, b, 12, endpoint=False) for a, b in pairwise(corners)] + [marks.wire[-1:]])
+    given = replace(marks, wire=marks.wire[::-1], upper_line=line[::-1])
+    write_torso(path, torso_points(POINTS), given)
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    page = opened(context, tmp_path / "pages" / "torso.html")
+    found = read_landmarks(saved(page, tmp_path))
+    np.testing.assert_allclose(found.wire, given.wire, atol=0.002)
+    np.testing.assert_allclose(found.upper_line, given.upper_line, atol=0.002)
+    dragged(page, "wire.2", 6, 6)
+    moved = read_landmarks(saved(page, tmp_path))
+    for found in (moved.wire, moved.upper_line):
+        assert found is not None
+        np.testing.assert_allclose(found[[0, -1]], marks.wire[[0, -1]], atol=0.1)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 25.0])
+def test_the_depth_is_the_one_of_the_reports(tmp_path, context, tilt):
+    """Farthest out of the wire's plane in the cup frame, also where the apex is not marked at the farthest place."""
+    path, points = tmp_path / "torso.npy", torso_points(POINTS)
+    marks = torso_marks(path)
+    assert marks.wire is not None
+    wire = marks.wire + np.outer(np.sin(np.linspace(0, np.pi, len(marks.wire))), [0.0, 0.0, tilt])  # off the skin
+    apex = marks.wire[20] * 0.2 + marks.points["apex"] * 0.8
+    write_torso(path, points, replace(marks, wire=wire, points={**marks.points, "apex": apex}))
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    page = opened(context, tmp_path / "pages" / "torso.html")
+    frame = frame_from_wire(wire, "left", apex, path)
+    near = points[np.linalg.norm(points - apex, axis=1) < 40]
+    assert frame.to_cup(near)[:, 2].max() > frame.to_cup(apex)[2] + 0.3
+    assert figure(page, "Depth") == pytest.approx(frame.to_cup(near)[:, 2].max(), abs=0.1)
 
 
 def test_only_a_person_says_that_marks_were_looked_at(tmp_path, proposed):

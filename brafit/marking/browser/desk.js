@@ -312,7 +312,7 @@ class Desk {
 
   #judge() {
     const breast = this.breast,
-      figures = figuresOf(breast, this.side, this.told.catalogue);
+      figures = figuresOf(breast, this.side, this.told.catalogue, this.skin);
     showFigures(figures);
     const unseen = this.doubts.length
       ? "the doubts above stand"

@@ -1,24 +1,42 @@
 // Figures of a breast's marks in millimetres, and what brafit would refuse or warn of: its own bounds, which the page
 // was told.
 
-// The wire's frame: along its chord, out of the chest, down.
+const DEPTH_REACH = 40; // the farthest place of a breast is so near to its apex, mm
+
+// The normal of the plane that lies best through points: the axis along which they spread least.
+function flattest(points) {
+  const middle = middleOf(points),
+    spread = [0, 1, 2].map((i) => {
+      const row = [0, 0, 0];
+      for (const point of points) for (let k = 0; k < 3; k++) row[k] += (point[i] - middle[i]) * (point[k] - middle[k]);
+      return row;
+    });
+  const least = 1e-9 * (spread[0][0] + spread[1][1] + spread[2][2]);
+  for (let k = 0; k < 3; k++) spread[k][k] += least;
+  const [a, b, c] = spread,
+    columns = [cross(b, c), cross(c, a), cross(a, b)]; // of the inverse, up to a factor
+  let normal = columns.reduce((most, column) => (size(column) > size(most) ? column : most));
+  for (let k = 0; k < 50; k++) {
+    const [x, y, z] = unit(normal);
+    normal = plus(times(x, columns[0]), plus(times(y, columns[1]), times(z, columns[2])));
+  }
+  return unit(normal);
+}
+
+// The wire's frame, as brafit has it: along its chord, out of the chest, down.
 function wireFrame(breast, side) {
   const wire = breast.wire.points,
     first = wire[0],
-    last = wire[wire.length - 1],
-    middle = middleOf(wire);
-  const chord = unit(minus(last, first));
-  let normal = [0, 0, 0];
-  for (let i = 0; i < wire.length; i++) {
-    normal = plus(normal, cross(minus(wire[i], middle), minus(wire[(i + 1) % wire.length], middle)));
-  }
+    last = wire[wire.length - 1];
+  const chord = unit(minus(last, first)),
+    normal = flattest(evenly(wire, 200));
   let out = unit(along(normal, -dot(normal, chord), chord));
   if (breast.apex && dot(minus(breast.apex, first), out) < 0) out = times(-1, out);
   const down = times(side === "left" ? 1 : -1, cross(chord, out));
   return { chord, out, down };
 }
 
-function figuresOf(breast, side, catalogue) {
+function figuresOf(breast, side, catalogue, skin) {
   if (!breast.wire) return null;
   const wire = breast.wire.points,
     length = lengthOf(wire),
@@ -42,7 +60,8 @@ function figuresOf(breast, side, catalogue) {
     neckline,
     height: Math.max(...rises),
     low,
-    depth: breast.apex ? dot(minus(breast.apex, wire[0]), out) : null,
+    // of the place of the breast that is farthest out of the wire's plane, as in brafit's reports
+    depth: breast.apex ? skin.farthest(breast.apex, DEPTH_REACH, wire[0], out) : null,
     sold: [...makers.values()].sort((a, b) => a.off - b.off),
   };
 }
@@ -83,7 +102,7 @@ function faultsOf(breast, side, figures, told, skin) {
       if (share < least || share > most) {
         say(
           refused,
-          `The apex rises ${mm(depth)} over the wire's plane; ${mm(least * length)} to ${mm(most * length)} are usual.`,
+          `The breast comes ${mm(depth)} out of the wire's plane; ${mm(least * length)} to ${mm(most * length)} are usual.`,
         );
       }
     }

@@ -4,7 +4,8 @@
 // the neckline's parts from the inner end to the strap and on to the outer end); origin; looked (a person said that it
 // was looked at; of marks made by hand alone there is nothing to say); touched (what was edited: "wire", which has its
 // ends, "strap_point", "apex", "neckline"); named (the points that the landmark file or the proposal names, as they were;
-// null where there is none); detected (the wire was not in the file, it was found in the crease).
+// null where there is none); detected (the wire was not in the file, it was found in the crease); backwards (lines that
+// the file has from their outer end: "wire", "neckline").
 // A line: via (its handles between its ends), points (the line itself: as it was given until a handle is moved).
 
 const ENDS = {
@@ -29,6 +30,7 @@ const nothing = (origin) => ({
   touched: [],
   named: null,
   detected: false,
+  backwards: [],
 });
 // The breast with marks noted as edited.
 const touching = (breast, ...marks) => ({ ...breast, touched: [...new Set([...breast.touched, ...marks])] });
@@ -50,11 +52,11 @@ function breastOf(told) {
   breast.inner_end = told.wire[0];
   breast.outer_end = told.wire[told.wire.length - 1];
   breast.wire = lineOf(told.wire, "wire");
+  breast.backwards = told.backwards ? ["wire"] : [];
   if (!told.upper) return breast;
-  const upper =
-    apart(told.upper[0], breast.inner_end) <= apart(told.upper[0], breast.outer_end)
-      ? told.upper
-      : told.upper.slice().reverse();
+  const outwards = apart(told.upper[0], breast.inner_end) <= apart(told.upper[0], breast.outer_end),
+    upper = outwards ? told.upper : told.upper.slice().reverse();
+  if (!outwards) breast.backwards.push("neckline");
   const corner = cornerOf(upper, breast.strap_point);
   breast.strap_point = breast.strap_point || upper[corner];
   breast.inner = lineOf(upper.slice(0, corner + 1), "inner");
@@ -181,6 +183,13 @@ function namedOf(breast, up) {
   return Object.fromEntries(names.map((name) => [name, was(name) ? breast.named[name] : own[name]]));
 }
 
+// A line's points in the order of the file: one that nobody touched as it was.
+function ordered(breast, mark, points) {
+  const moved = mark === "wire" ? ["wire"] : ["neckline", "wire", "strap_point"],
+    asItWas = breast.backwards.includes(mark) && !moved.some((name) => breast.touched.includes(name));
+  return asItWas ? points.slice().reverse() : points;
+}
+
 // The landmark file of some breasts, by side, in the unit and frame of the scan.
 function landmarkFile(breasts, told) {
   const place = (point) =>
@@ -196,9 +205,11 @@ function landmarkFile(breasts, told) {
       if (!breast.looked && !found) block.proposed = true;
       const named = Object.entries(namedOf(breast, told.axes[1])).filter(([, point]) => point);
       block.landmarks = Object.fromEntries(named.map(([name, point]) => [name, place(point)]));
-      if (breast.wire && !found) block.wire = breast.wire.points.map(place);
-      if (breast.inner && breast.outer)
-        block.upper_line = [...breast.inner.points, ...breast.outer.points.slice(1)].map(place);
+      if (breast.wire && !found) block.wire = ordered(breast, "wire", breast.wire.points).map(place);
+      if (breast.inner && breast.outer) {
+        const upper = [...breast.inner.points, ...breast.outer.points.slice(1)];
+        block.upper_line = ordered(breast, "neckline", upper).map(place);
+      }
       return block;
     });
   const head = { ...told.extra, name: told.name, units: told.unit };

@@ -85,7 +85,7 @@ function showFigures(figures) {
     line(
       "Depth",
       figures.depth === null ? "no apex" : `${figures.depth.toFixed(1)} mm`,
-      "of the apex over the wire's plane",
+      "how far the breast comes out of the wire's plane",
     ),
     ...(figures.neckline === null ? [] : [line("Neckline, length", `${figures.neckline.toFixed(1)} mm`)]),
     ...figures.sold.map(

@@ -127,6 +127,17 @@ class Skin {
     return { index: best, away: Math.sqrt(least) };
   }
 
+  // How far the skin about a place comes out in a direction, from an origin on: at least as far as the place.
+  farthest(place, radius, origin, out) {
+    const p = this.points;
+    let most = dot(minus(place, origin), out);
+    this.#around(place, radius, (i) => {
+      const far = (p[3 * i] - origin[0]) * out[0] + (p[3 * i + 1] - origin[1]) * out[1] + (p[3 * i + 2] - origin[2]) * out[2];
+      if (far > most) most = far;
+    });
+    return most;
+  }
+
   // f and n of the surface about a place, of the sheet that looks about as `facing`; null where there are too few points.
   #field(place, facing) {
     const n = this.normals,
