@@ -112,6 +112,16 @@ def test_several_sizes_lie_apart_in_one_file(tmp_path):
             assert np.maximum(low - other_high, other_low - high).max() > 5
 
 
+def test_only_what_the_oldest_readers_know_is_written(tmp_path):
+    """Release 12 has no splines and no light polylines; some apparel systems refuse headers and tables."""
+    write_dxf(tmp_path / "p.dxf", [pattern(notch_form="t"), pattern(name="other")], "x")
+    lines = (tmp_path / "p.dxf").read_text(encoding="ascii").splitlines()
+    kinds = {value.strip() for code, value in zip(lines[::2], lines[1::2], strict=True) if int(code) == 0}
+    shapes = {"POLYLINE", "VERTEX", "SEQEND", "POINT", "LINE", "TEXT"}
+    assert kinds == shapes | {"SECTION", "ENDSEC", "BLOCK", "ENDBLK", "INSERT", "EOF"}
+    assert len(lines[0::2]) == len(lines[1::2])
+
+
 def test_block_names_are_fit_for_release_12():
     taken: set[str] = set()
     names = [

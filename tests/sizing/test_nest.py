@@ -120,6 +120,7 @@ def test_svg_has_a_layer_a_size_at_true_size():
     assert float(root.get("width", "").removesuffix("mm")) == pytest.approx(float(root.get("viewBox", "").split()[2]))
     square = next(e for e in info if e.get("id") == "control-square")
     box = svgelements.Path(square[0].get("d")).bbox()
+    assert box is not None
     np.testing.assert_allclose((box[2] - box[0], box[3] - box[1]), 100.0, atol=1e-4)
 
 
