@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from brafit.scan.load import FRONT, Scan
-from brafit.surface.normals import NEIGHBOURS, Surface, settle, surface_of
+from brafit.surface.normals import Surface, settle, surface_of
 
 RADIUS = 8.0
 """Of the points that say which way is outwards, mm: wide enough that their noise does not turn it."""
@@ -26,8 +26,7 @@ def middle_of(scan: Scan, thickness: float) -> Scan:
         scan: of the skin.
         thickness: of the material, mm. 0: the scan as it is.
     """
-    seen = np.concatenate([scan.points, scan.assumed])
-    if thickness == 0 or len(seen) < NEIGHBOURS:
+    if thickness == 0:
         return scan
     skin = surface_of(np.concatenate([scan.dense, scan.assumed]), FRONT)
 
