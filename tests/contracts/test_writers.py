@@ -32,8 +32,9 @@ def chords(points: Any) -> float:
 def svg_lengths(folder: Path) -> list[float]:
     """Of the sewing lines, by svgelements."""
     elements = pytest.importorskip("svgelements", reason="the SVG reader svgelements is not installed")
-    layer = next(group for group in ET.parse(folder / "patterns.svg").getroot() if group.get(LABEL) == "sew")
-    return [elements.Path(line.get("d")).length(error=1e-6) for line in layer.iter(f"{SVG}path")]
+    groups = ET.parse(folder / "patterns.svg").getroot().iter(f"{SVG}g")  # one in each size, where there are several
+    layers = [group for group in groups if group.get(LABEL) == "sew"]
+    return [elements.Path(line.get("d")).length(error=1e-6) for layer in layers for line in layer.iter(f"{SVG}path")]
 
 
 def dxf_lengths(folder: Path) -> list[float]:
