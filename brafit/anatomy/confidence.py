@@ -231,14 +231,14 @@ def refusal(path: Path, found: Sequence[Confidence], how: str = "proposed") -> I
     return InputError(path, cause, "Mark them by hand, on a page of brafit-mark")
 
 
-OFF = "give or take 3 mm at the apex and 15 mm at the wire's ends, on some bodies 14 and 44 mm"
-"""How far proposed landmarks lay off the truth on 220 made bodies, median and largest (docs/proposals.md; breasts that
-hang from a chest cut off behind apart)."""
+OFF = "give or take 3 mm at the apex and 14 mm at the wire's ends, on some bodies 13 and 29 mm"
+"""How far proposed landmarks that nothing unusual was told of lay off the truth on 220 made bodies, median and largest
+(docs/proposals.md)."""
 
 
 def warning(found: Confidence, how: str = "proposed") -> str:
-    """What is said of marks that nobody looked at: their doubts; of proposed ones without any, how far such lie off,
-    because wire ends go astray that nothing unusual tells of. Empty for mirrored ones without doubts.
+    """What is said of marks that nobody looked at: their doubts; of proposed ones without any, how far such lie off all
+    the same. Empty for mirrored ones without doubts.
     """
     general = f"nobody has looked at the proposed landmarks, {OFF}: look at them with brafit-inspect"
     return doubt(found, how) or (general if how == "proposed" else "")
