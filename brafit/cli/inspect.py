@@ -166,7 +166,7 @@ def _facts(scan: Scan) -> list[str]:
         f"points: {counts}",
         *(["without points: " + f"{100 * scan.gap_share:.0f} % of the cup"] if scan.gap_share else []),
         *_doubts(scan),
-        *scan.notes,
+        *map(str, scan.notes),
     ]
 
 
