@@ -63,7 +63,7 @@ class Anneal:
         tolerance: relative change of the value at which a stage of L-BFGS has converged.
     """
 
-    def __init__(self, stages: Sequence[Stage | dict], tolerance: float = 1e-7):
+    def __init__(self, stages: Sequence[Stage | dict], tolerance: float = 1e-6):
         self.stages = [s if isinstance(s, Stage) else Stage(**s) for s in stages]
         self.tolerance = tolerance
 
