@@ -71,7 +71,8 @@ class StripsCup(Cup):
         ValueError: no panel, fewer than 9 stations, no term, or fewer nodes than twice the terms.
     """
 
-    exact = True
+    constrained = False
+    developable = True
     _to_stations: Tensor
 
     def __init__(

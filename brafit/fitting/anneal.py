@@ -78,7 +78,7 @@ class Anneal:
             )
             run.done += stage.steps
         grid = objective
-        for _ in range(LOOKS if objective.cup.exact else 0):
+        for _ in range(0 if objective.cup.constrained else LOOKS):
             left = (~run.diverged).nonzero()[:, 0]
             part, place = objective.select(left), run.place[left]
             shape = part.cup.shape_of(place)
@@ -178,7 +178,7 @@ def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pr
         pressure: weights of constraints, barrier and neckline.
     """
     cup = objective.cup
-    if cup.exact:  # closed by construction
+    if not cup.constrained:  # closed by construction
         return place
 
     def closure(flat: Tensor) -> Tensor:
