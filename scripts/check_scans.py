@@ -314,7 +314,8 @@ def report_noise(folder: Path, _: Path) -> None:
                 print(
                     f"  {path.stem:10} {panels} panels {name:14} {near[0]:.2f} ({near[1]:.1f})  patterns"
                     f" {patterns_apart(fit, fits[0]):.2f}; RMS {fit.figures['rms_mm']:.2f}; {fit.code.name.lower()};"
-                    f" {strays_left(scan, scans[0])} strays of {len(scan.dense)} left; {' / '.join(scan.notes)}"
+                    f" {strays_left(scan, scans[0])} strays of {len(scan.dense)} left;"
+                    f" {' / '.join(note.text for note in scan.notes)}"
                 )
 
 

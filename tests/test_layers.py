@@ -100,3 +100,33 @@ def test_modules_within_a_part_import_one_way():
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail(" -> ".join(error.args[1]))
+
+
+LONGEST_FUNCTION, LONGEST_FILE = 60, 450
+
+
+def long_functions(text: str) -> list[tuple[str, int]]:
+    """Names and lines, docstring and decorators included, of functions that are too long."""
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            first = min([node.lineno, *(one.lineno for one in node.decorator_list)])
+            lines = (node.end_lineno or first) - first + 1
+            found += [(node.name, lines)] if lines > LONGEST_FUNCTION else []
+    return found
+
+
+@pytest.mark.parametrize("part", HEIGHT)
+def test_functions_and_files_can_be_seen_at_once(part):
+    found = []
+    for file in (file for file in FILES if part_of(file) == part):
+        text, name = file.read_text(encoding="utf-8"), str(file.relative_to(ROOT))
+        found += [(name, *function) for function in long_functions(text)]
+        found += [(name, lines)] if (lines := len(text.splitlines())) > LONGEST_FILE else []
+    assert not found
+
+
+def test_a_long_function_is_seen_wherever_it_stands():
+    body = "\n".join("        x = 1" for _ in range(LONGEST_FUNCTION - 1))
+    assert not long_functions(f"class A:\n    def f():\n{body}")
+    assert long_functions(f"class A:\n    @staticmethod\n    def f():\n{body}") == [("f", LONGEST_FUNCTION + 1)]

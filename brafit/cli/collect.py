@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
-from brafit.cli.status import NOTHING_RAN
-from brafit.errors import BrafitError
-from brafit.naming import print_anything
+from brafit.cli.ending import end_with
+from brafit.cli.status import ALL_OK
 from brafit.run.closing import closing
 from brafit.run.collect import collect
 
@@ -22,13 +20,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("folders", nargs="+", metavar="DIR", help="folder of a run, such as of one shard of a dataset")
     parser.add_argument("--out", metavar="DIR", help="where the table goes; the first folder if not given")
     given = parser.parse_args(arguments)
-    print_anything()
-    try:
-        done = collect(given.folders, given.out)
-    except BrafitError as error:
-        print(f"brafit-collect: {error}", file=sys.stderr)
-        sys.exit(NOTHING_RAN)
-    print(closing(done, given.out or given.folders[0]))
+
+    def collected() -> int:
+        print(closing(collect(given.folders, given.out), given.out or given.folders[0]))
+        return ALL_OK
+
+    end_with("brafit-collect", collected, "files")
 
 
 if __name__ == "__main__":

@@ -17,13 +17,13 @@ import numpy as np
 from brafit.anatomy import proposed_landmarks
 from brafit.anatomy.confidence import warning
 from brafit.atomic import write_text
+from brafit.cli.ending import end_with
 from brafit.cli.status import ALL_OK, NOTHING_RAN, SOME_FAILED
 from brafit.cloud import Cloud, read_cloud
 from brafit.errors import BrafitError, InputError
 from brafit.geometry.polyline import polyline_length
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_breasts
 from brafit.landmarks.units import MILLIMETRES, body_unit
-from brafit.naming import print_anything
 from brafit.scan import Scan, find_scans, load_sides, scan_names
 from brafit.underwires.nearest import nearest_wire
 
@@ -34,12 +34,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if mistaken := [text for text in options.scans if "=" in text and not Path(text).exists()]:
         parser.error(f"{mistaken[0]}: takes no settings; what is not marked is proposed. --side, --units, --wire")
-    print_anything()
-    try:
-        paths = find_scans(options.scans, propose=True)
-    except BrafitError as error:
-        print(f"brafit-inspect: {error}", file=sys.stderr)
-        sys.exit(NOTHING_RAN)
+    end_with("brafit-inspect", lambda: _inspected(options), "files")
+
+
+def _inspected(options: argparse.Namespace) -> int:
+    """Inspect all scans; gives the exit status."""
+    paths = find_scans(options.scans, propose=True)
     done = 0
     for name, path in zip(scan_names(paths), paths, strict=True):
         try:
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             done += 1
         except BrafitError as error:
             print(f"failed: {error}", file=sys.stderr)
-    sys.exit(ALL_OK if done == len(paths) else SOME_FAILED if done else NOTHING_RAN)
+    return ALL_OK if done == len(paths) else SOME_FAILED if done else NOTHING_RAN
 
 
 def inspect_scan(
@@ -166,7 +166,7 @@ def _facts(scan: Scan) -> list[str]:
         f"points: {counts}",
         *(["without points: " + f"{100 * scan.gap_share:.0f} % of the cup"] if scan.gap_share else []),
         *_doubts(scan),
-        *scan.notes,
+        *map(str, scan.notes),
     ]
 
 

@@ -81,8 +81,12 @@ class Cup(nn.Module, ABC):
 
     corner_place = -1
     """Which parameter is the place of the upper edge's corner; -1: none."""
-    exact = False
-    """Whether panels are developable up to the grid behind `shape_of`, and no constraint is left to satisfy."""
+    constrained = True
+    """Whether `constraints` are left, which a solver has to satisfy. Without any it can raise other weights until a
+    limit is kept, and the optimum has derivatives.
+    """
+    developable = False
+    """Whether panels are developable whatever the parameters, up to the grid behind `shape_of`."""
     stations: Tensor
     terms: int
 

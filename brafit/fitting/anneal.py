@@ -63,7 +63,7 @@ class Anneal:
         tolerance: relative change of the value at which a stage of L-BFGS has converged.
     """
 
-    def __init__(self, stages: Sequence[Stage | dict], tolerance: float = 1e-7):
+    def __init__(self, stages: Sequence[Stage | dict], tolerance: float = 1e-6):
         self.stages = [s if isinstance(s, Stage) else Stage(**s) for s in stages]
         self.tolerance = tolerance
 
@@ -78,7 +78,7 @@ class Anneal:
             )
             run.done += stage.steps
         grid = objective
-        for _ in range(LOOKS if objective.cup.exact else 0):
+        for _ in range(0 if objective.cup.constrained else LOOKS):
             left = (~run.diverged).nonzero()[:, 0]
             part, place = objective.select(left), run.place[left]
             shape = part.cup.shape_of(place)
@@ -178,7 +178,7 @@ def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pr
         pressure: weights of constraints, barrier and neckline.
     """
     cup = objective.cup
-    if cup.exact:  # closed by construction
+    if not cup.constrained:  # closed by construction
         return place
 
     def closure(flat: Tensor) -> Tensor:

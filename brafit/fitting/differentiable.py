@@ -177,7 +177,7 @@ class DifferentiableFit:
         """The objective with cups where the solver stopped, and the weights that it ended with."""
         restarts, trials = (self.restarts, TRIALS) if near is None else (1, 1)
         objective = starting_problems(targets, wires, self.cup, self.condition, restarts, trials=trials)
-        if not objective.cup.exact:
+        if objective.cup.constrained:
             raise ValueError(f"{type(objective.cup).__name__} has constraints; derivatives need a cup without any")
         if near is not None:
             objective.cup.load_flat(near.parameters.detach())

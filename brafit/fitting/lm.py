@@ -44,8 +44,8 @@ class LMStage:
         keep: starts per scan that go on after the stage.
         penalty: penalty mu of the cup's constraints, where it has any.
         tolerance: relative decrease of the objective, expected and found, at which a problem has converged.
-        fairness, plainness: multiply these weights while the stage runs (cups that are exact). There is one best among
-            very plain cups, which the next stages follow; fairness alone has many, and comes last.
+        fairness, plainness: multiply these weights while the stage runs (cups without constraints). There is one
+            best among very plain cups, which the next stages follow; fairness alone has many, and comes last.
         margin_width: the least width of the regularity barrier while the stage runs: a soft barrier leads past poor
             optima.
         seam: share of the ridge's pull to the apex (`Conditions.seam`) while the stage runs. At its full weight from
@@ -156,7 +156,7 @@ class LM:
                 if len(running) == 0:
                     break
                 grid = grid.finer()
-            left = {} if objective.cup.exact else objective.constraints(objective.cup.sketch(place))
+            left = objective.constraints(objective.cup.sketch(place)) if objective.cup.constrained else {}
             for name, residual in left.items():
                 kept = multipliers.setdefault(name, torch.zeros_like(residual))
                 kept[live] += stage.penalty * residual[live].detach()
@@ -211,7 +211,7 @@ def staged(
     objective: Objective, place: Float[Tensor, "batch size"], stage: LMStage
 ) -> tuple[Objective, Float[Tensor, "batch size"]]:
     """The objective as a stage sees it, and the places that the stage begins at."""
-    shares = (stage.fairness, stage.plainness) if objective.cup.exact else (1.0, 1.0)
+    shares = (1.0, 1.0) if objective.cup.constrained else (stage.fairness, stage.plainness)
     objective = objective.seen(stage.points).eased(*shares, stage.margin_width, stage.seam)
     targets = objective.targets
     return objective, objective.cup.place_corner(place, targets.connection, targets.has_connection)

@@ -39,7 +39,7 @@ from brafit.fitting.targets import Target, Targets
 from brafit.geometry.development import FlatPanel
 
 TWIST_LIMIT = 0.01
-"""Largest twist, in degrees, of panels that are to be exact."""
+"""Largest twist, in degrees, of panels that are to be developable."""
 MARGIN_TOLERANCE = 0.005
 """How far the regularity margin may be below its bound."""
 REFINEMENTS = 2
@@ -181,7 +181,7 @@ def _fit_together(
             conditions=asked[k],
         )
         told = solution.warnings[row] if solution.warnings else ()
-        results.append(_judged(fit, line, bends, won.cup.exact, condition, told))
+        results.append(_judged(fit, line, bends, won.cup, condition, told))
     return results
 
 
@@ -220,7 +220,7 @@ def certainty(won: Winners, condition: Conditions) -> tuple[Float[Tensor, "scans
     """
     flat = won.cup.flatten().detach()
     changes = flat.new_zeros(len(flat), 0, flat.shape[1])
-    if won.cup.exact:
+    if not won.cup.constrained:
         changes = deviations(Objective(won.cup, won.targets, condition), flat, won.pressure)
     return changes, outline_spread(won.cup, flat, changes) * won.cup.wire.scale
 
@@ -251,7 +251,7 @@ def starting_problems(
         trials: how many ridges are tried, at most.
     """
     one = cup(wires.select(torch.arange(len(targets))).to(device=device, dtype=dtype))
-    trials = min(trials, one.panels - 1) if condition.seam == APEX and one.exact and one.panels > 1 else 1
+    trials = min(trials, one.panels - 1) if condition.seam == APEX and not one.constrained and one.panels > 1 else 1
     each = restarts * trials
     repeated = torch.arange(len(targets), device=device).repeat_interleave(each)
     model = one.select(repeated) if each > 1 else one
@@ -264,7 +264,7 @@ def starting_problems(
         ridges = torch.from_numpy(nearest).to(device).flatten().repeat_interleave(restarts)
     # Cups of the paper's model start as arcs of the right size; without points they lose their way.
     guides = torch.as_tensor(curves, dtype=dtype, device=device) / batch.scale[:, None, None, None]
-    guides = guides if model.exact else None
+    guides = None if model.constrained else guides
     return Objective(model, batch, condition, repeated, guides, ridges)
 
 
@@ -288,11 +288,13 @@ def _judged(
     fit: CupFit,
     line: Neckline | None,
     bends: Sequence[Bend],
-    exact: bool,
+    cup: Cup,
     condition: Conditions,
     told: Sequence[str],
 ) -> CupFit:
-    """The fit with its warnings; unresolved, if the model makes exact panels and these are not, or if it is no cup."""
+    """The fit with its warnings; unresolved, if the model makes developable panels and these are not, or if it is no
+    cup.
+    """
     margin, twist = fit.figures["regularity_min"], fit.figures["twist_deg_max"]
     warnings, faults = list(told), []
     if margin < condition.margin - MARGIN_TOLERANCE:
@@ -305,11 +307,11 @@ def _judged(
     if fit.figures["outline_sd_mm"] > UNCERTAIN:
         sd = fit.figures["outline_sd_mm"]
         warnings.append(f"another scan of this breast would move the outlines by {sd:.1f} mm (standard deviation)")
-    if exact:
+    if cup.developable:
         warnings += [str(bend) for bend in bends if bend.radius < TIGHT]
     limit = condition.neckline_limit
     off = 0.0 if line is None else upper_edge_gap(fit.shape.edges[-1], torch.as_tensor(np.concatenate(line.sides)))
-    if exact and limit is not None and off > 1.1 * limit:
+    if not cup.constrained and limit is not None and off > 1.1 * limit:
         cause = (
             f"the upper edge is {off:.2f} mm off the smoothed neckline (mean), condition.neckline_limit is {limit:g}"
         )
@@ -317,12 +319,12 @@ def _judged(
     if condition.seam == APEX and fit.figures["seam_to_apex_mm"] > SEAM_LIMIT:
         cause = f"the seam passes the bust point at {fit.figures['seam_to_apex_mm']:.1f} mm"
         warnings.append(f"{cause}, {SEAM_LIMIT:g} mm are asked for; a larger condition.ridge_apex brings it nearer")
-    if exact and not twist <= TWIST_LIMIT:
+    if cup.developable and not twist <= TWIST_LIMIT:
         faults.append(f"a ruling's normals differ by {twist:.3g} degrees, more than {TWIST_LIMIT:g}")
     torn = not fit.figures["isometry_mm"] <= ISOMETRY_LIMIT
     if torn:
         faults.append(f"lengths in the cup and in its patterns differ by {fit.figures['isometry_mm']:.3g} mm")
-    if (exact or torn) and faults and fit.code is not ResultCode.DIVERGED:
+    if (cup.developable or torn) and faults and fit.code is not ResultCode.DIVERGED:
         code = ResultCode.UNRESOLVED
         reason = f"{code.value}: {'; '.join(faults)}. {REMEDY}"
         return replace(fit, code=code, reason=reason, warnings=(*warnings, *faults))
@@ -341,7 +343,7 @@ class Measured:
 
 @torch.no_grad()
 def measured_cups(cup: Cup, targets: Sequence[Target], refinements: int = REFINEMENTS) -> list[Measured]:
-    """The cups of a batch; those whose panels are to be exact and are not yet, on finer grids.
+    """The cups of a batch; those whose panels are to be developable and are not yet, on finer grids.
 
     Args:
         cup: one cup for each target.
@@ -365,7 +367,7 @@ def measured_cups(cup: Cup, targets: Sequence[Target], refinements: int = REFINE
         panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
         results.append(Measured(shape, panels, own, figures))
     twisted = [k for k, one in enumerate(results) if not one.figures["twist_deg_max"] <= TWIST_LIMIT]
-    if cup.exact and twisted and refinements:
+    if cup.developable and twisted and refinements:
         finer = cup.select(torch.tensor(twisted)).refined()
         for k, one in zip(twisted, measured_cups(finer, [targets[k] for k in twisted], refinements - 1), strict=True):
             results[k] = one

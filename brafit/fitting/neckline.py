@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.polynomial import chebyshev
 
-from brafit.geometry.polyline import distances, distinct, evenly_spaced, polyline_length
+from brafit.geometry.polyline import distances, distinct, evenly_spaced, nearest_places, polyline_length
 from brafit.geometry.smoothing import chord_parameter, smooth_series
 
 STRAP_REACH = 8.0
@@ -82,14 +82,11 @@ def side_rows(
     every = np.arange(len(line))
     if strap_point is None or len(line) < 3:
         return [every]
-    start, step = line[:-1], np.diff(line, axis=0)
-    place = (((strap_point - start) * step).sum(axis=1) / (step**2).sum(axis=1)).clip(0, 1)
-    away = np.linalg.norm(start + place[:, None] * step - strap_point, axis=1)
-    k = int(away.argmin())
-    inner = 0 < k + place[k] < len(line) - 1
-    if away[k] > STRAP_REACH or not inner:
+    (k,), (share,), (away,) = nearest_places(strap_point[None], line)
+    inner = 0 < k + share < len(line) - 1
+    if away > STRAP_REACH or not inner:
         return [every]
-    near = np.linalg.norm(line - strap_point, axis=1) < 0.5 * np.linalg.norm(step[k])
+    near = np.linalg.norm(line - strap_point, axis=1) < 0.5 * np.linalg.norm(line[k + 1] - line[k])
     near[[0, -1]] = False
     first, second = every[: k + 1][~near[: k + 1]], every[k + 1 :][~near[k + 1 :]]
     return [np.append(first, len(line)), np.append(len(line), second)]

@@ -239,11 +239,11 @@ class Objective:
     @torch.no_grad()
     def neckline_factor(self, shape: CupShape) -> Float[Tensor, " batch"]:
         """By how much to raise the neckline's weight: the mean distance between upper edge and neckline, both ways,
-        over its limit, to a power. 1 where it is within the limit, where there is no neckline, and for cups that are
-        not exact.
+        over its limit, to a power. 1 where it is within the limit, where there is no neckline, and for cups with
+        constraints.
         """
         limit = self.conditions.neckline_limit
-        if limit is None or not self.cup.exact or self.conditions.neckline == 0:
+        if limit is None or self.cup.constrained or self.conditions.neckline == 0:
             return torch.ones_like(self.targets.scale)
         line = self.targets.neckline
         there = (gaps_to_line(shape, -1, line).vectors.norm(dim=-1) * station_weights(shape.stations)).sum(-1)
@@ -256,9 +256,9 @@ class Objective:
     @torch.no_grad()
     def seam_factor(self, shape: CupShape) -> Float[Tensor, " batch"]:
         """By how much to raise the ridge's pull to the apex: the distance between them over SEAM_LIMIT, and a little
-        more. 1 where it is within the limit, where nothing asks for it, and for cups that are not exact.
+        more. 1 where it is within the limit, where nothing asks for it, and for cups with constraints.
         """
-        if self.conditions.seam != APEX or not self.cup.exact or self.cup.panels < 2:
+        if self.conditions.seam != APEX or self.cup.constrained or self.cup.panels < 2:
             return torch.ones_like(self.targets.scale)
         excess = self._ridge_gap(shape).vectors.norm(dim=-1)[:, 0] * self.targets.scale / SEAM_LIMIT
         return torch.where(self.targets.has_apex & (excess > 1), _STRONGER * excess, 1.0)

@@ -11,6 +11,7 @@ common parameter s. The measure is (68) of docs/formulation.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -46,7 +47,7 @@ class Variation:
     steps: Float[Tensor, " intervals"]
     share: Float[Tensor, "*batch intervals"] | float = 1.0
 
-    @property
+    @cached_property
     def curvature(self) -> Values:
         return self.rate / self.speed
 
@@ -55,12 +56,12 @@ class Variation:
         """Roots of weight over arc length: residual = scale * change of curvature."""
         return self.share / self.lengths.sqrt()
 
-    @property
+    @cached_property
     def lengths(self) -> Float[Tensor, "*batch intervals"]:
         """Arc length of the intervals."""
         return 0.5 * self.steps * (self.speed[..., 1:] + self.speed[..., :-1])
 
-    @property
+    @cached_property
     def residual(self) -> Float[Tensor, "*batch intervals"]:
         return self.scale * self.curvature.diff(dim=-1)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 
 def polyline_length(line: Float[np.ndarray, "k d"]) -> float:
@@ -43,11 +43,25 @@ def distances(points: Float[np.ndarray, "n d"], line: Float[np.ndarray, "k d"]) 
         points: in the unit of the line.
         line: corners of the polyline.
     """
+    return nearest_places(points, line)[2]
+
+
+def nearest_places(
+    points: Float[np.ndarray, "n d"], line: Float[np.ndarray, "k d"]
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """For each point the nearest segment of a polyline, the share of it before the nearest place, and the distance.
+
+    Args:
+        points: in the unit of the line.
+        line: corners of the polyline.
+    """
     start, step = line[:-1], np.diff(line, axis=0)
     square = np.maximum((step**2).sum(axis=1), 1e-30)
     offset = points[:, None] - start
     place = ((offset * step).sum(axis=-1) / square).clip(0, 1)
-    return np.linalg.norm(offset - place[..., None] * step, axis=-1).min(axis=1)
+    away = np.linalg.norm(offset - place[..., None] * step, axis=-1)
+    rows, nearest = np.arange(len(points)), away.argmin(axis=1)
+    return nearest, place[rows, nearest], away[rows, nearest]
 
 
 def nearest_on(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "n 3"]:

@@ -101,7 +101,7 @@ def scan_facts(scan: Scan, fit: CupFit, middle: Scan) -> dict[str, Any]:
         "cleaning": asdict(scan.cleaning),
         "units": asdict(scan.units),
         "origin": asdict(scan.origin),
-        "notes": [*scan.notes, *fit.notes],
+        "notes": [*map(str, scan.notes), *fit.notes],
         "uncovered_share": uncovered_share(fit.shape, middle.dense),
         "assumed_points": len(scan.assumed),
         "landmarks": {

@@ -163,7 +163,7 @@ def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell:
         loaded.name,
         result.row(),
         (*cup.warnings, *result.patterns().warnings),
-        (*loaded.notes, *cup.notes),
+        (*map(str, loaded.notes), *cup.notes),
         pictures=result.pictures() if drawn else {},
         mesh=result.mesh_view() if drawn else None,
     )

@@ -1,6 +1,17 @@
 """A breast ready to be fitted: which files a run works on, and the assembly of a scan from cloud and landmarks."""
 
 from brafit.scan.discovery import find_scans, passed_over, scan_names
-from brafit.scan.load import Origin, Scan, load_scan, load_sides
+from brafit.scan.load import Origin, Preparation, Scan, load_scan, load_sides
+from brafit.scan.notes import Note
 
-__all__ = ["Origin", "Scan", "find_scans", "load_scan", "load_sides", "passed_over", "scan_names"]
+__all__ = [
+    "Note",
+    "Origin",
+    "Preparation",
+    "Scan",
+    "find_scans",
+    "load_scan",
+    "load_sides",
+    "passed_over",
+    "scan_names",
+]

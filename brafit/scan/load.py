@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -21,20 +22,18 @@ from brafit.geometry.order import along_curve
 from brafit.landmarks.cup_frame import CupFrame
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
 from brafit.landmarks.plausibility import check_whole_wire
-from brafit.landmarks.units import MILLIMETRES, NAMES, Units
+from brafit.landmarks.units import MILLIMETRES, Units
 from brafit.scan.framed import Framed, framed
 from brafit.scan.marked import Marked, origin_of, with_marks
+from brafit.scan.notes import Note, notes_on
 from brafit.scan.region import Gathered, Gathering
 from brafit.surface.cleaning import Cleaned, Cleaning, check_settings, finish
 from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.gaps import Gaps, gaps
 from brafit.surface.normals import surface_of
 from brafit.surface.thickness import fills_a_volume
-from brafit.underwires.nearest import chosen_wire
 from brafit.underwires.sizes import wire_size
 
-NOISY = 1.0
-"""Scatter (mm) of the cleaned points that is said."""
 GAPS_MOST = 0.6
 """Share of the surface between wire and upper line without data from which on a scan is refused."""
 FRONT = np.array([0.0, 0.0, 1.0])
@@ -58,7 +57,7 @@ class Scan:
         dense: the breast's points before thinning: where there are data.
         units: of the files.
         origin: where wire, neckline and landmarks come from.
-        notes: what the user should know of it, a line each.
+        notes: what the user should know of it.
         assumed: places on the surface that is assumed where the scan has no data, for the fit only.
         removed: what the cleaning took because it lies on no surface.
         gap_share: share of the surface between wire and upper line without data; None without an upper line.
@@ -79,7 +78,7 @@ class Scan:
     dense: Float[np.ndarray, "d 3"]
     units: Units
     origin: Origin
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     assumed: Float[np.ndarray, "g 3"] = field(default_factory=lambda: np.empty((0, 3)))
     removed: Float[np.ndarray, "r 3"] = field(default_factory=lambda: np.empty((0, 3)))
     gap_share: float | None = None
@@ -126,36 +125,14 @@ class Bounded:
     curve: Float[np.ndarray, "c 3"] | None
 
 
-def load_scan(
-    path: str | Path | Cloud,
-    *,
-    points: int | None = 2000,
-    outliers: float | None = 3.0,
-    neighbours: int = 16,
-    name: str | None = None,
-    side: str | None = None,
-    units: str | None = None,
-    wire: str | None = None,
-    propose: bool = False,
-    symmetry: bool = True,
-    bridge: bool = True,
-    landmarks: str | Path | Landmarks | None = None,
-    read_seconds: float = READ_SECONDS,
-    mesh_points: int = MESH_POINTS,
-    apart: bool = True,
-    readers: Sequence[Reader] = (),
-) -> Scan:
-    """Load a cloud and the landmark file beside it: one breast.
+@dataclass(frozen=True)
+class Preparation:
+    """How a cloud becomes a scan: the settings of the group `scan`, but for the side.
 
-    Args:
-        path: the cloud's file, or the cloud where it has been read; its landmark file has the same stem and the
-            extension `.json`.
+    Attributes:
         points: points of the fit at most, evenly spread (`brafit.surface.cleaning.thin`); None: all.
         outliers: standard deviations above the mean distance to the neighbours at which a point is one; None: none is.
         neighbours: as many as that distance is taken to.
-        name: name of the scan; the file's stem if None.
-        side: the breast to take, `left` or `right`; None: the one that the landmark file marks (first). One that it
-            does not mark gets the other's marks, mirrored at the body's plane of symmetry.
         units: unit of cloud and landmark file, one of `brafit.landmarks.units.MILLIMETRES`; None: what the landmark
             file says, else found.
         wire: None: as the landmark file has it, detected where it has none; `detect`: always detected; a size of
@@ -164,35 +141,65 @@ def load_scan(
         symmetry: take the points of both breasts of a torso for either cup, where they are mirror images within
             `brafit.scan.region.ALIKE`.
         bridge: assume a surface where there are no data (`Scan.assumed`).
-        landmarks: the landmark file, if it is not beside the cloud; or the marks of one breast.
         read_seconds: time limit of the reader, s.
         mesh_points: points to sample on a mesh.
         apart: read the file in a process of its own, see `read_cloud`.
         readers: of other kinds of files, see `read_cloud`.
 
     Raises:
+        ConfigError: a setting out of its range.
+    """
+
+    points: int | None = 2000
+    outliers: float | None = 3.0
+    neighbours: int = 16
+    units: str | None = None
+    wire: str | None = None
+    propose: bool = False
+    symmetry: bool = True
+    bridge: bool = True
+    read_seconds: float = READ_SECONDS
+    mesh_points: int = MESH_POINTS
+    apart: bool = True
+    readers: Sequence[Reader] = ()
+
+    def __post_init__(self) -> None:
+        check_settings(self.points, self.outliers, self.neighbours)
+        _check_choice("units", self.units, tuple(MILLIMETRES))
+        if self.wire not in (None, "detect"):
+            wire_size(self.wire)
+
+    def read(self, path: Path) -> Cloud:
+        """The cloud of a file, see `read_cloud`."""
+        limits = {"seconds": self.read_seconds, "mesh_points": self.mesh_points}
+        return read_cloud(path, **limits, apart=self.apart, readers=self.readers)
+
+
+def load_scan(
+    path: str | Path | Cloud,
+    *,
+    side: str | None = None,
+    name: str | None = None,
+    landmarks: str | Path | Landmarks | None = None,
+    **settings: Any,
+) -> Scan:
+    """Load a cloud and the landmark file beside it: one breast.
+
+    Args:
+        path: the cloud's file, or the cloud where it has been read; its landmark file has the same stem and the
+            extension `.json`.
+        side: the breast to take, `left` or `right`; None: the one that the landmark file marks (first). One that it
+            does not mark gets the other's marks, mirrored at the body's plane of symmetry.
+        name: name of the scan; the file's stem if None.
+        landmarks: the landmark file, if it is not beside the cloud; or the marks of one breast.
+        settings: what `Preparation` takes: `points=500, propose=True`.
+
+    Raises:
         InputError: one line naming file, cause and remedy.
         ConfigError: a setting out of its range.
         Open3DError: Open3D cannot be imported.
     """
-    (scan,) = load_sides(
-        path,
-        (side,),
-        points=points,
-        outliers=outliers,
-        neighbours=neighbours,
-        name=name,
-        units=units,
-        wire=wire,
-        propose=propose,
-        symmetry=symmetry,
-        bridge=bridge,
-        landmarks=landmarks,
-        read_seconds=read_seconds,
-        mesh_points=mesh_points,
-        apart=apart,
-        readers=readers,
-    )
+    (scan,) = load_sides(path, (side,), name=name, landmarks=landmarks, **settings)
     if isinstance(scan, InputError):
         raise scan
     return scan
@@ -202,40 +209,18 @@ def load_sides(
     path: str | Path | Cloud,
     sides: Sequence[str | None] = SIDES,
     *,
-    points: int | None = 2000,
-    outliers: float | None = 3.0,
-    neighbours: int = 16,
     name: str | None = None,
-    units: str | None = None,
-    wire: str | None = None,
-    propose: bool = False,
-    symmetry: bool = True,
-    bridge: bool = True,
     landmarks: str | Path | Landmarks | None = None,
-    read_seconds: float = READ_SECONDS,
-    mesh_points: int = MESH_POINTS,
-    apart: bool = True,
-    readers: Sequence[Reader] = (),
+    **settings: Any,
 ) -> list[Scan | InputError]:
     """Load breasts of one cloud: it is read once, and what both sides need is found once.
 
     Args:
         path: the cloud's file, or the cloud where it has been read.
         sides: the breasts to take, each as `side` of `load_scan`.
-        points: as of `load_scan`, with all that follow.
-        outliers: standard deviations from which on a point is one; None: none is.
-        neighbours: of each point, by which outliers are judged.
         name: of all these scans; the file's stem if None.
-        units: of cloud and landmark file; None: as they say, else found.
-        wire: None: as marked, detected where it is not; `detect`; or a size.
-        propose: propose landmarks where there is no landmark file.
-        symmetry: take both breasts' points for either cup, where they are mirror images.
-        bridge: assume a surface where there are no data.
-        landmarks: a landmark file that is not beside the cloud, or the marks of one breast.
-        read_seconds: time limit of the reader, s.
-        mesh_points: points to sample on a mesh.
-        apart: read the file in a process of its own.
-        readers: of other kinds of files, see `read_cloud`.
+        landmarks: the landmark file, if it is not beside the cloud; or the marks of one breast.
+        settings: what `Preparation` takes.
 
     Returns:
         for each side what `load_scan` gives, or the error that it raises.
@@ -244,37 +229,33 @@ def load_sides(
         ConfigError: a setting out of its range.
         Open3DError: Open3D cannot be imported.
     """
-    given = path if isinstance(path, Cloud) else None
-    path = path.path if isinstance(path, Cloud) else Path(path)
-    check_settings(points, outliers, neighbours)
     for side in sides:
         _check_choice("side", side, SIDES)
-    _check_choice("units", units, tuple(MILLIMETRES))
-    if wire not in (None, "detect"):
-        wire_size(wire)
-    marks = landmarks if isinstance(landmarks, Landmarks) else Path(landmarks or landmarks_path(path))
+    prepared = Preparation(**settings)
+    file = path.path if isinstance(path, Cloud) else Path(path)
+    marks = landmarks if isinstance(landmarks, Landmarks) else Path(landmarks or landmarks_path(file))
     try:
-        raw = given
-        if raw is None:
-            raw = read_cloud(path, seconds=read_seconds, mesh_points=mesh_points, apart=apart, readers=readers)
-        marked = with_marks(raw, marks, units, propose)
+        raw = path if isinstance(path, Cloud) else prepared.read(file)
+        marked = with_marks(raw, marks, prepared.units, prepared.propose)
     except InputError as error:
         return [error] * len(sides)
-    gathering = Gathering(marked, outliers, neighbours, symmetry)
+    gathering = Gathering(marked, prepared.outliers, prepared.neighbours, prepared.symmetry)
+    return [_loaded(name or file.stem, side, gathering, prepared) for side in sides]
 
-    def loaded(side: str | None) -> Scan | InputError:
-        try:
-            breast = framed(marked, side, wire)
-            gathered = gathering.about(breast)
-            bounded = _bounded(marked, breast, gathered)
-            cleaned = _cleaned(marked, gathered, bounded, points)
-            found = _gaps(path, cleaned, bounded)
-            notes = _notes(marked, breast, gathered, bounded, cleaned, chosen=side is not None)
-            return _scan(name or path.stem, marked, breast, gathered, bounded, cleaned, found, bridge, notes)
-        except InputError as error:
-            return error
 
-    return [loaded(side) for side in sides]
+def _loaded(name: str, side: str | None, gathering: Gathering, prepared: Preparation) -> Scan | InputError:
+    """A side of a marked scan, through all stages."""
+    marked = gathering.marked
+    try:
+        breast = framed(marked, side, prepared.wire)
+        gathered = gathering.about(breast)
+        bounded = _bounded(marked, breast, gathered)
+        cleaned = _cleaned(marked, gathered, bounded, prepared.points)
+        found = _gaps(marked.cloud.path, cleaned, bounded)
+    except InputError as error:
+        return error
+    notes = notes_on(marked, breast, gathered, bounded.origin, cleaned.steps, chosen=side is not None)
+    return _scan(name, marked, breast, gathered, bounded, cleaned, found, prepared.bridge, notes)
 
 
 def closed(wire: Float[np.ndarray, "k 3"], neckline: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "c 3"]:
@@ -354,52 +335,6 @@ def _bare(found: Gaps) -> str:
     return f"{100 * found.share:.0f} % of the surface between wire and upper line has no points"
 
 
-def _notes(
-    marked: Marked,
-    breast: Framed,
-    gathered: Gathered,
-    bounded: Bounded,
-    cleaned: Cleaned,
-    *,
-    chosen: bool,
-) -> tuple[str, ...]:
-    """What the user should know of a scan; `chosen`: the side was named."""
-    notes = _unit_notes(marked.units)
-    if gathered.alike is not None:
-        notes.append(f"the breasts are mirror images within {gathered.alike:.2f} mm: both are taken for each cup")
-    if bounded.origin == "built":
-        notes.append("no upper line given: it is built from the wire's ends and the strap point")
-    if bounded.origin == "none" and marked.cloud.inside is None:
-        notes.append("no upper line given: only the points say where the cup ends")
-    if breast.own_wire is not None:
-        told, far = chosen_wire(breast.wire_origin.removeprefix("size "), breast.own_wire)
-        notes += [] if far else [told]  # else it is a warning, see `brafit.run.likeness`
-    scatter = cleaned.steps.scatter_mm
-    if scatter is not None and scatter > NOISY:
-        notes.append(f"its points scatter by {scatter:.1f} mm about their surface: edges are less certain")
-    if breast.turned:
-        ends = {"inner_end", "outer_end"} & breast.marks.points.keys()
-        doubt = "" if ends else f"; if that is wrong, so is the side: it says {breast.marks.side}"
-        notes.append(f"the wire is given from its outer end, and is turned{doubt}")
-    proposed = breast.marks_origin == "proposed"
-    if breast.marks_origin != "given" or breast.wire_origin != "given":
-        how = f"landmarks {breast.marks_origin}, wire {breast.wire_origin}"
-        guess = "off the crease" if breast.wire_origin.startswith("size") else "guessed, no crease shows there"
-        share = "" if breast.guessed is None else f" ({100 * breast.guessed:.0f} % of it {guess})"
-        notes.append(f"{how}{share}: look at them, brafit-inspect draws them")
-    if not chosen and (proposed or len(marked.breasts) > 1):
-        notes.append(f"the {breast.marks.side} breast alone is fitted: scan.side=both fits both")
-    return tuple(f"{marked.cloud.path.name}: {note}" for note in notes)
-
-
-def _unit_notes(units: Units) -> list[str]:
-    if not units.found or (units.cloud == units.marks == "mm"):
-        return []
-    files = f"the cloud is in {NAMES[units.cloud]}, the landmarks in {NAMES[units.marks]}"
-    same = f"it is in {NAMES[units.cloud]}"
-    return [f"{same if units.cloud == units.marks else files}, found from {units.found}"]
-
-
 def _scan(
     name: str,
     marked: Marked,
@@ -409,7 +344,7 @@ def _scan(
     cleaned: Cleaned,
     found: Gaps | None,
     bridge: bool,
-    notes: tuple[str, ...],
+    notes: tuple[Note, ...],
 ) -> Scan:
     bare = np.empty((0, 3)) if found is None or not bridge else found.places
     return Scan(

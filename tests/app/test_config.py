@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
-from dataclasses import fields
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import pytest
 import yaml
 from hydra import compose, initialize_config_module
-from hydra.utils import instantiate
-from omegaconf import DictConfig
+from hydra.utils import get_class
+from omegaconf import DictConfig, OmegaConf
 
-from brafit.cup import FramesCup, StripsCup
 from brafit.errors import ConfigError
-from brafit.fitting import Conditions
 from brafit.fitting.anneal import OPTIMISERS
 from brafit.fitting.loss import point_loss
 from brafit.geometry.ritz import BASES
-from brafit.pattern import PatternOptions
-from brafit.scan import load_scan
+from brafit.scan import Preparation, load_scan
 from brafit.settings.checks import check, sources
 from brafit.settings.compose import explain, register
 
@@ -176,24 +175,96 @@ def test_words_are_those_that_the_code_knows() -> None:
         point_loss(loss, 1.0)
 
 
-def test_defaults_are_those_of_the_code() -> None:
+MADE = {
+    f"{group}={file.stem}": group
+    for group in ("cup", "solver", "condition", "pattern")
+    for file in sorted((CONF / group).glob("*.yaml"))
+}
+NOT_OF_THE_CLASS = {"cup": {"tolerance"}}
+"""Settings that are the recipe's, and not an argument of what a group makes."""
+
+
+@pytest.mark.parametrize("choice", MADE)
+def test_a_group_has_the_defaults_of_the_class_that_it_names(choice: str) -> None:
     """Whoever calls from Python gets the same as who runs the command."""
-    config = composed()
-    assert instantiate(config.condition) == Conditions()
-    pattern, plain = instantiate(config.pattern), PatternOptions()
-    for item in fields(PatternOptions):
-        one, other = getattr(pattern, item.name), getattr(plain, item.name)
-        assert (list(one) if isinstance(other, tuple) else one) == (list(other) if isinstance(other, tuple) else other)
-    frames = composed("cup=frames").cup
-    for function, group, values in (
-        (StripsCup, "cup=strips", config.cup),
-        (FramesCup, "cup=frames", frames),
-        (load_scan, "scan", config.scan),
-    ):
-        known = {name: entry.default for name, entry in inspect.signature(function).parameters.items()}
-        for key, value in values.items():
-            if not str(key).startswith("_") and key != "tolerance":  # which is the recipe's
-                assert known[str(key)] == value, f"{group}.{key}"
+    group = MADE[choice]
+    default = choice in ("condition=default", "pattern=default")
+    settings = plain(composed(*(() if default else (choice,)))[group])
+    target = get_class(settings["_target_"])
+    known = with_defaults(target)
+    values = {key: value for key, value in settings.items() if not key.startswith("_")}
+    assert NOT_OF_THE_CLASS.get(group, set()) <= values.keys()
+    shared = {key: value for key, value in values.items() if key not in NOT_OF_THE_CLASS.get(group, set())}
+    required = inspect.signature(target).parameters.keys() - known.keys()
+    assert {key: value for key, value in shared.items() if key not in required} == known
+
+
+def test_scans_are_prepared_by_the_defaults_of_the_code() -> None:
+    known = with_defaults(Preparation) | {"side": with_defaults(load_scan)["side"]}
+    del known["apart"]  # a run reads in processes of its own anyway
+    assert plain(composed().scan) == known
+
+
+def test_sinks_have_the_defaults_of_their_classes() -> None:
+    """But for what follows another setting."""
+    written = OmegaConf.to_container(composed().sinks)
+    assert isinstance(written, dict)
+    for settings in written.values():
+        known = with_defaults(get_class(settings["_target_"]))
+        assert settings.keys() == {"_target_", *known}
+        own = {key: value for key, value in settings.items() if key in known and "${" not in str(value)}
+        assert own == {key: known[key] for key in own}, settings["_target_"]
+
+
+def plain(settings: DictConfig) -> dict[str, Any]:
+    values = OmegaConf.to_container(settings, resolve=True)
+    assert isinstance(values, dict)
+    return {str(key): value for key, value in values.items()}
+
+
+BARE = (str, int, float, tuple, NoneType)
+
+
+def with_defaults(target: Any) -> dict[str, Any]:
+    """Arguments that have a default, as settings would have them: lists for tuples, mappings for objects."""
+    made = {}
+    for entry in inspect.signature(target).parameters.values():
+        if entry.default is not inspect.Parameter.empty:
+            value: Any = entry.default if isinstance(entry.default, BARE) else getattr(target(), entry.name)
+            value = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+            made[entry.name] = list(value) if isinstance(value, tuple) else value
+    return made
+
+
+def names_read() -> set[str]:
+    """Attributes, keys in brackets and arguments that the code of brafit reads; the settings' types read nothing."""
+    found: set[str] = set()
+    for file in (CONF.parent / "brafit").rglob("*.py"):
+        if "conf" in file.parts[len(CONF.parts) :] or file.parent.name == "settings":
+            continue
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute | ast.Name) and isinstance(node.ctx, ast.Load):
+                found.add(node.attr if isinstance(node, ast.Attribute) else node.id)
+            elif isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
+                found.add(str(node.slice.value))
+    return found
+
+
+def keys_in(values: Any) -> set[str]:
+    if isinstance(values, list):
+        return set().union(*map(keys_in, values))
+    return {str(key) for key in values} | keys_in(list(values.values())) if isinstance(values, dict) else set()
+
+
+def test_every_setting_is_read() -> None:
+    read = names_read()
+    files = [CONF / "config.yaml"]
+    for group in ("cup", "solver", "condition", "pattern", "scan", "dataset"):
+        files += (CONF / group).glob("*.yaml")
+    for file in files:
+        settings = yaml.safe_load(file.read_text(encoding="utf-8"))
+        written = {key: value for key, value in settings.items() if key not in ("defaults", "hydra")}
+        assert {key for key in keys_in(written) if not key.startswith("_")} <= read, file
 
 
 def test_no_group_shares_its_name_with_a_scalar() -> None:

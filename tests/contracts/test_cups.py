@@ -174,9 +174,9 @@ class TestCup:
         """Others say by their constraints how far they are from that."""
         cup = started(model)
         flat = beside(cup)
-        if cup.exact:
-            assert not cup.constraints(cup.sketch(flat))
-        else:
+        assert cup.constrained == bool(cup.constraints(cup.sketch(flat)))
+        assert cup.developable == (not cup.constrained)  # of these models
+        if cup.constrained:
             assert max(v.abs().max() for v in cup.constraints(cup.sketch(flat)).values()) > 1e-3
             cup = started(model, wire=half_circle(3), reach=1.0)  # half circles, all panels cylinders
             flat = cup.flatten().detach()
@@ -208,7 +208,7 @@ class TestCup:
                 margin = shape.margin[k, panel, 2:-2].min().item()
                 if not math.isfinite(margin) or abs(margin) < 0.15:
                     continue
-                crossing = self.crossing if cup.exact else self.turning
+                crossing = self.crossing if cup.developable else self.turning
                 assert (margin < 0) == crossing(shape, k, panel), (k, panel, margin)
                 seen[margin < 0] += 1
         assert min(seen.values()) >= 3, seen

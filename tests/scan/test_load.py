@@ -193,7 +193,8 @@ def test_units_are_found_and_said(tmp_path, factor, unit):
     found = load_scan(both, points=300)
     assert (found.units.cloud, found.units.marks) == (unit, unit)
     for scan in (alone, found):
-        assert "found from" in scan.notes[0]
+        assert scan.notes[0].code == "units"
+        assert "found from" in str(scan.notes[0])
         np.testing.assert_allclose(scan.points, expected.points, atol=1e-6)
         np.testing.assert_allclose(scan.wire, expected.wire, atol=1e-9)
     said = load_scan(both, points=300, units=unit)
@@ -342,7 +343,7 @@ def test_a_wire_from_its_outer_end_is_turned_and_noted(tmp_path, side, marked):
     scan = load_scan(write_ply(tmp_path / "a.ply", pose(cup_frame_points())))
     np.testing.assert_allclose(scan.wire, cup_frame_landmarks()["wire"], atol=1e-9)
     assert scan.origin.wire_turned
-    (note,) = (note for note in scan.notes if "outer end" in note)
+    (note,) = (str(note) for note in scan.notes if note.code == "wire_turned")
     assert note.startswith("a.ply: the wire is given from its outer end, and is turned")
     assert ("so is the side" in note) == (not marked)
 

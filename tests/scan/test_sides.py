@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import json
 
 import numpy as np
@@ -78,12 +77,6 @@ def test_a_side_that_cannot_be_loaded_does_not_stop_the_other(tmp_path):
     both = load_sides(path)
     assert all(isinstance(error, InputError) for error in both)
     assert len({str(error) for error in both}) == 1
-
-
-def test_one_side_and_both_have_the_same_defaults():
-    one, both = (inspect.signature(function).parameters for function in (load_scan, load_sides))
-    assert {*one} ^ {*both} == {"side", "sides"}
-    assert all(one[name].default == both[name].default for name in {*one} & {*both})
 
 
 def test_a_cloud_that_has_been_read_is_not_read_again(tmp_path):

@@ -25,7 +25,7 @@ def test_alike_breasts_give_the_same_points_for_both_sides(tmp_path):
     path = write(tmp_path, torso())
     left, right = (load_scan(path, side=side) for side in ("left", "right"))
     assert left.cleaning.other_side > 0
-    assert "mirror images within" in left.notes[0]
+    assert left.notes[0].code == "both_breasts"
     np.testing.assert_allclose(right.points, left.points, atol=1e-3)
     np.testing.assert_allclose(right.wire, left.wire, atol=1e-9)
     steps = left.cleaning
@@ -37,7 +37,7 @@ def test_breasts_that_differ_keep_their_own_points(tmp_path):
     path = write(tmp_path, torso(left=36.0))
     scan = load_scan(path)
     assert scan.cleaning.other_side == 0
-    assert not [note for note in scan.notes if "mirror images" in note]
+    assert not [note for note in scan.notes if note.code == "both_breasts"]
 
 
 def test_points_of_both_are_taken_only_if_wanted(tmp_path):
