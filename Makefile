@@ -19,23 +19,23 @@ setup:
 	@scripts/setup.sh
 
 fit: setup
-	$(VENV)/bin/brafit $(ARGS)
+	"$(VENV)/bin/brafit" $(ARGS)
 
 # Two processes, one thread each: the tests' arrays are too small for more.
 test:
 	@scripts/setup.sh test
-	OMP_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n 2 $(ARGS)
+	OMP_NUM_THREADS=1 "$(VENV)/bin/python" -m pytest -n 2 $(ARGS)
 
 slow:
 	@scripts/setup.sh test
-	OMP_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n 2 -m "slow or not slow" $(ARGS)
+	OMP_NUM_THREADS=1 "$(VENV)/bin/python" -m pytest -n 2 -m "slow or not slow" $(ARGS)
 
 readers:
 	@scripts/setup.sh readers
 
 lint:
 	@scripts/setup.sh dev
-	$(VENV)/bin/python -m ruff check .
-	$(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
+	"$(VENV)/bin/python" -m ruff check .
+	"$(VENV)/bin/python" -m pyright --pythonpath "$(VENV)/bin/python"
 
 check: lint test
