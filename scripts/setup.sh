@@ -210,7 +210,7 @@ case $extra in
 esac
 case ${TORCH:-} in
     "" | cpu | cuda) ;;
-    *) stop "TORCH=$TORCH is not a build of PyTorch's known here: cpu or cuda" ;;
+    *) stop "TORCH=$TORCH: the builds of PyTorch are cpu and cuda" ;;
 esac
 # Elsewhere PyPI's PyTorch has one build only.
 [ "$(uname -s)" = Linux ] || unset TORCH
