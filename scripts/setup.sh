@@ -42,9 +42,9 @@ system() {
         stop "$why. Run this line, then run this again: sudo apt-get update && sudo apt-get install -y $*"
     fi
     say "installing $* ($why)"
+    $sudo apt-get update -q >&2 </dev/null
     # An installation that was cut short is to be finished first; a fresh machine may be updating itself just now.
     $sudo env DEBIAN_FRONTEND=noninteractive dpkg --configure -a >&2 </dev/null || true
-    $sudo apt-get update -q >&2 </dev/null
     $sudo env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=300 install -q -y --no-install-recommends "$@" \
         >&2 </dev/null
 }
