@@ -77,8 +77,8 @@ no_python() {
 }
 
 # The shared libraries that importing Open3D asks for, and the Debian packages they come in.
-open3d_libraries="libGL.so.1 libEGL.so.1 libX11.so.6 libudev.so.1 libusb-1.0.so.0 libgomp.so.1"
-open3d_packages="libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libgomp1"
+open3d_libraries="libGL.so.1 libEGL.so.1 libX11.so.6 libudev.so.1 libusb-1.0.so.0 libidn2.so.0 libgomp.so.1"
+open3d_packages="libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libidn2-0 libgomp1"
 
 has_open3d_libraries() {
     local known name

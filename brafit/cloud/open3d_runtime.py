@@ -12,6 +12,7 @@ LIBRARIES = {
     "libX11.so": "libx11-6",
     "libudev.so": "libudev1",
     "libusb-1.0.so": "libusb-1.0-0",
+    "libidn2.so": "libidn2-0",
     "libgomp.so": "libgomp1",
 }
 """Shared libraries that Open3D's wheel expects from the system, and the Debian packages that hold them."""

@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 
 from brafit import __version__
+from brafit.cloud.open3d_runtime import LIBRARIES
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -26,6 +27,13 @@ def test_every_dependency_is_pinned() -> None:
     project = PROJECT["project"]
     wanted = project["dependencies"] + [name for extra in project["optional-dependencies"].values() for name in extra]
     assert {plain(name) for name in wanted} - {"brafit", "open3d"} <= pinned
+
+
+def test_set_up_brings_the_libraries_that_a_failed_import_names() -> None:
+    script = (ROOT / "scripts" / "setup.sh").read_text()
+    listed = {name: value.split() for name, value in re.findall(r'^open3d_(\w+)="(.+)"$', script, re.MULTILINE)}
+    assert [re.sub(r"\.so\..*", ".so", name) for name in listed["libraries"]] == list(LIBRARIES)
+    assert listed["packages"] == list(LIBRARIES.values())
 
 
 def test_one_version() -> None:

@@ -188,5 +188,5 @@ def test_a_missing_system_library_is_named(monkeypatch):
     assert str(caught.value) == (
         "Open3D cannot be loaded: libusb-1.0.so.0: cannot open shared object file: No such file or directory "
         "(Debian package libusb-1.0-0). "
-        "Run: apt-get install -y libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libgomp1"
+        "Run: apt-get install -y libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libidn2-0 libgomp1"
     )
