@@ -8,7 +8,7 @@
 # elsewhere the line to run is printed and the script ends with status 1.
 #
 #   VENV=DIR      the virtual environment (default .venv beside this script's folder)
-#   PYTHON=FILE   the Python to make it from (default: the first of python3, python3.14 ... python3.11 that is one of these)
+#   PYTHON=FILE   the Python to make it from (default: the first of python3, python3.13 ... python3.11 that is one of these)
 #   TORCH=BUILD   PyTorch's build on Linux: cpu or cuda (default: the one that is installed; else cuda where an NVIDIA GPU
 #                 is found, and cpu elsewhere)
 set -euo pipefail
@@ -16,9 +16,10 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 venv=${VENV:-$root/.venv}
 extra=${1:-none}
-# The versions that all packages in constraints.txt exist for, and PyTorch's in it.
+# The versions that brafit runs on (all packages exist for 3.14 as well, but Hydra 1.3 stops at its start there:
+# facebookresearch/hydra issue 3121), and PyTorch's version.
 first_minor=11
-last_minor=14
+last_minor=13
 torch=$(sed -n 's/^torch==//p' "$root/constraints.txt")
 
 say() { printf 'setup: %s\n' "$*" >&2; }
@@ -72,7 +73,7 @@ find_python() {
 no_python() {
     local name=${PYTHON:-python3} found
     found=$(version_of "$name") || found="not a Python that runs"
-    stop "brafit's packages exist for CPython 3.$first_minor to 3.$last_minor (not free-threaded); $name is $found." \
+    stop "brafit runs on CPython 3.$first_minor to 3.$last_minor (not free-threaded); $name is $found." \
         "Name another one: PYTHON=FILE make fit"
 }
 
