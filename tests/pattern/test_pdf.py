@@ -88,6 +88,8 @@ def test_edge_lengths_as_another_reader_finds_them(tmp_path):
 def test_pieces_that_fit_are_whole_on_their_pages(tmp_path, paper):
     """As poppler reads the file: none of the cut lines is cut by a page's border."""
     pytest.importorskip("svgelements", reason="the SVG reader svgelements is not installed")
+    for reader in ("pdfinfo", "pdftocairo"):
+        program(reader)
     made = small(pair=True, paper=paper)
     write_pdf_tiles(tmp_path / "patterns.pdf", [made], "lune")
     write_pdf_sheet(tmp_path / "patterns_sheet.pdf", [made], "lune")
