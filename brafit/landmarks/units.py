@@ -22,8 +22,8 @@ WIRE_POSSIBLE, WIRE_USUAL = (80.0, 600.0), (140.0, 330.0)
 """Lengths of a wire, mm: of any that can be worn; of most."""
 DEPTH_POSSIBLE, DEPTH_USUAL = (130.0, 450.0), (190.0, 345.0)
 """Depth of a torso, mm: the smallest extent of a scan of one, arms and legs included or not."""
-DEPTH_RARE = (100.0, 700.0)
-"""Bodies with arms held forward, or very large ones, are this deep: only one unit can be meant all the same, mostly."""
+DEPTH_RARE = (130.0, 480.0)
+"""The largest bodies are this deep. More is not taken for one: a breast alone, 60 mm deep, would be a body in cm."""
 NEAR = 30.0
 """Median distance (mm) within which marks lie on their cloud."""
 DISTINCT = 3.0
