@@ -20,5 +20,5 @@ def test_rare_depths_are_known_where_only_one_unit_can_be_meant(depth, unit):
 
 @pytest.mark.parametrize("depth", [15.0, 60.0, 1.0, 9000.0])
 def test_what_could_be_two_units_or_none_is_not_known(depth):
-    """15: 150 mm in centimetres or 381 in inches. 60: a breast alone in millimetres, which is no body in centimetres."""
+    """15: 150 mm in centimetres or 381 in inches. 60: a breast alone, in millimetres, is no body in centimetres."""
     assert unit_of(depth, DEPTH_POSSIBLE, DEPTH_USUAL, DEPTH_RARE) is None
