@@ -12,11 +12,12 @@ Flattening needs libigl, the filter pymeshlab; of what is not installed the row 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -24,10 +25,10 @@ import numpy as np
 import torch
 from benchmark import sphere_objective
 from check_repeat import POINTS, rescan, shipped
-from flattenings import FoldedError, Part, Surface, distances, peers, seam_gaps, strains
+from flattenings import FILTER, LONG_FILTER, FoldedError, Part, Surface, distances, peers, seam_gaps, strains
 from outlines import Laid, patterns_apart
-from peers_page import OURS, PAPER, Figures, Missing, Setting, Table, page
-from readers import MissingReaderError
+from peers_page import LONGER, OURS, PAPER, Figures, Missing, Setting, Table, page
+from readers import MissingReaderError, module
 from tqdm import tqdm
 
 from brafit.atomic import write_text
@@ -147,24 +148,39 @@ def compared(case: Case, setting: Setting) -> Compared:
         InputError: it has no neckline.
         FoldedError: no mesh can be laid on its surface.
     """
-    chart = Chart.about(case.target.points, closed(case.target.wire, _neckline(case.target)))
     begun = time.process_time()
-    surfaces = [
-        Surface.of(target.points, target.wire, _neckline(target), chart) for target in (case.target, *case.again)
-    ]
+    surfaces = surfaces_of(case)
     seconds = (time.process_time() - begun) / len(surfaces)
     rows = []
     for panels in setting.panels:
         fit, own = fitted(case, panels)
         edges = fit.shape.edges.numpy()
         cuts = [surface.parts(edges) for surface in surfaces]
-        for method, (package, lay) in peers(setting.evaluations).items():
-            try:
-                rows.append(Row(method, panels, flattened(case, cuts, lay)))
-            except MissingReaderError:
-                rows.append(Row(method, panels, Missing(package)))
+        for method, lay in peers(setting.evaluations).items():
+            rows.append(Row(method, panels, flattened(case, cuts, lay)))
         rows.append(Row(OURS, panels, own))
     return Compared(rows, seconds)
+
+
+def surfaces_of(case: Case) -> list[Surface]:
+    """The surface of every scan of a case, all on the chart of the first.
+
+    Raises:
+        InputError: they have no neckline.
+    """
+    target = case.target
+    if target.neckline is None:
+        raise InputError(target.name, "has no upper line: a surface that is flattened must end somewhere", "Mark it")
+    chart = Chart.about(target.points, closed(target.wire, target.neckline))
+    return [Surface.of(one.points, target.wire, target.neckline, chart) for one in (target, *case.again)]
+
+
+def patient_figures(case: Case, setting: Setting) -> Figures | Missing:
+    """MeshLab's filter on two parts of the case's surface, with LONGER times the evaluations; no rescans."""
+    edges = shipped(2).fit([case.target])[0].shape.edges.numpy()
+    first = replace(case, again=[])
+    (surface,) = surfaces_of(first)
+    return flattened(first, [surface.parts(edges)], peers(LONGER * setting.evaluations)[FILTER])
 
 
 def fitted(case: Case, panels: int) -> tuple[CupFit, Figures]:
@@ -178,7 +194,9 @@ def fitted(case: Case, panels: int) -> tuple[CupFit, Figures]:
     return fit, Cut.of(fit.shape, fit.panels).figures(seconds, fit.distances, wire, spread)
 
 
-def flattened(case: Case, cuts: Sequence[Sequence[Part]], lay: Callable[[Sequence[Part]], list[Part]]) -> Figures:
+def flattened(
+    case: Case, cuts: Sequence[Sequence[Part]], lay: Callable[[Sequence[Part]], list[Part]]
+) -> Figures | Missing:
     """The figures of the scan's own surface laid flat.
 
     Args:
@@ -188,15 +206,21 @@ def flattened(case: Case, cuts: Sequence[Sequence[Part]], lay: Callable[[Sequenc
     """
     first, *others = cuts
     begun = time.process_time()
-    flat = lay(first)
-    seconds = time.process_time() - begun
-    spread = spread_of([Cut(lay(parts)) for parts in others])
+    try:
+        flat = lay(first)
+        seconds = time.process_time() - begun
+        spread = spread_of([Cut(lay(parts)) for parts in others])
+        away = distances(case.target.points, flat)
+    except MissingReaderError as error:
+        return Missing(error.package)
     wire = polyline_length(first[0].vertices[first[0].lower])
-    return Cut(flat).figures(seconds, distances(case.target.points, flat), wire, spread)
+    return Cut(flat).figures(seconds, away, wire, spread)
 
 
 def spread_of(patterns: Sequence[Laid]) -> float:
-    """How far the outlines of rescans are from those of the first one: the median, mm."""
+    """How far the outlines of rescans are from those of the first one: the median, mm; nan if there are none."""
+    if not patterns:
+        return math.nan
     return float(np.median([patterns_apart(patterns[0], other) for other in patterns[1:]]))
 
 
@@ -213,12 +237,6 @@ def paper_figures(target: Target, seconds: float) -> Figures:
     panels = [FlatPanel(lower, upper) for lower, upper in zip(flat.lower, flat.upper, strict=True)]
     away = shape.distances(torch.from_numpy(target.points)).numpy()
     return Cut.of(shape, panels).figures(spent, away, polyline_length(shape.edges[0].numpy()), math.nan)
-
-
-def _neckline(target: Target) -> np.ndarray:
-    if target.neckline is None:
-        raise InputError(target.name, "has no upper line: a surface that is flattened must end somewhere", "Mark it")
-    return target.neckline
 
 
 def gathered(found: Sequence[Compared]) -> Table:
@@ -293,10 +311,14 @@ def main() -> None:
     given = parser.parse_args()
     setting = settled(parser, given)
     torch.set_num_threads(1)
+    for name in ("igl", "pymeshlab"):  # what it takes to import them is in no row
+        with contextlib.suppress(MissingReaderError):
+            module(name)
     begun = time.process_time()
     sphere = case_of("sphere", sphere_scan, setting)
     found = [compared(sphere, setting)]
     tables = {"The quarter sphere": gathered(found)}
+    tables["The quarter sphere"][LONG_FILTER, 2] = patient_figures(sphere, setting)
     tables["The quarter sphere"][PAPER, 2] = paper_figures(sphere.target, setting.patience)
     if given.folder is not None:
         found = breasts_compared(loaded(parser, given.folder, given.breasts), setting)

@@ -243,10 +243,11 @@ def whole(parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray, list[np.ndarra
 
 METHODS = ("LSCM", "ARAP", "SLIM")
 FILTER = "developability filter, then ARAP"
+LONG_FILTER = "the same filter for longer"
 
 
-def peers(evaluations: int) -> dict[str, tuple[str, Callable[[Sequence[Part]], list[Part]]]]:
-    """What lays parts flat, by its name, with the package that it needs."""
+def peers(evaluations: int) -> dict[str, Callable[[Sequence[Part]], list[Part]]]:
+    """What lays parts flat, by its name; raises MissingReaderError where it is not installed."""
 
     def plain(method: str) -> Callable[[Sequence[Part]], list[Part]]:
         return lambda parts: [laid_flat(part, method) for part in parts]
@@ -254,7 +255,7 @@ def peers(evaluations: int) -> dict[str, tuple[str, Callable[[Sequence[Part]], l
     def filtered(parts: Sequence[Part]) -> list[Part]:
         return plain("ARAP")(made_developable(parts, evaluations))
 
-    return {method: ("libigl", plain(method)) for method in METHODS} | {FILTER: ("pymeshlab", filtered)}
+    return {method: plain(method) for method in METHODS} | {FILTER: filtered}
 
 
 # measuring

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from compare_peers import RADIUS, Compared, Cut, Row, case_of, gathered, sphere_scan, spread_of
+from compare_peers import RADIUS, Case, Compared, Cut, Row, case_of, flattened, gathered, sphere_scan, spread_of
 from flattenings import (
     METHODS,
     FoldedError,
@@ -18,6 +19,7 @@ from flattenings import (
     distances,
     laid_flat,
     made_developable,
+    peers,
     seam_gaps,
     strains,
     stretches,
@@ -25,7 +27,7 @@ from flattenings import (
 )
 from lunes import lune_area, lune_cup, lune_flat
 from pages import ROOT
-from peers_page import FILTER, OURS, Figures, Missing, Setting, page, rows, shown
+from peers_page import FILTER, OURS, Figures, Missing, Setting, Table, page, rows, shown
 from scipy.spatial import Delaunay
 
 from brafit.scan.load import closed
@@ -222,6 +224,20 @@ def test_outlines_that_are_only_moved_are_not_apart():
     assert spread_of([cut, moved, longer, longer]) == pytest.approx(0.01 * half, rel=0.05)
 
 
+@pytest.mark.parametrize(("gone", "package"), [("igl", "libigl"), ("pymeshlab", "pymeshlab")])
+def test_a_row_names_the_package_that_it_lacks(gone, package, sphere, monkeypatch):
+    pytest.importorskip("igl", reason="the flattening package libigl is not installed")
+    monkeypatch.setitem(sys.modules, gone, None)
+    case = Case("sphere", sphere_scan(0, 0.0), [])
+    parts = sphere.parts(lune_cup(2, 41, RADIUS).edges.numpy(), rows=8)
+    found = {method: flattened(case, [parts], lay) for method, lay in peers(10).items()}
+    assert Missing(package) in found.values()
+    for method in METHODS:
+        assert isinstance(found[method], Missing) == (gone == "igl")
+    if gone == "pymeshlab":
+        assert found[FILTER] == Missing(package)
+
+
 def figures(value: float) -> Figures:
     return Figures(*[value] * 10)
 
@@ -236,7 +252,7 @@ def test_rows_of_several_breasts_are_medians_and_of_largest_values_the_largest()
 
 
 def test_the_page_says_what_is_missing_and_tells_the_figures():
-    table = {(method, panels): figures(panels + 0.25) for method in METHODS for panels in SETTING.panels}
+    table: Table = {(method, panels): figures(panels + 0.25) for method in METHODS for panels in SETTING.panels}
     table |= {(OURS, panels): figures(0.25 * panels) for panels in SETTING.panels}
     missing = {(FILTER, panels): Missing("pymeshlab") for panels in SETTING.panels}
     text = page({"The quarter sphere": table, "5 breasts": table | missing}, SETTING, 90.0, 0.4)
@@ -252,7 +268,7 @@ def test_the_page_says_what_is_missing_and_tells_the_figures():
 
 def test_the_page_in_the_documentation_has_the_tables_that_the_script_makes():
     made = (ROOT / "docs" / "peers.md").read_text(encoding="utf-8")
-    table = {(method, panels): figures(1) for method in (*METHODS, FILTER, OURS) for panels in (2, 3, 4)}
+    table: Table = {(method, panels): figures(1) for method in (*METHODS, FILTER, OURS) for panels in (2, 3, 4)}
     heads, _, *rest = rows(table).splitlines()
     assert made.count(heads) == 2
     for line in rest:
