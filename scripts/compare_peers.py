@@ -306,7 +306,7 @@ def main() -> None:
     parser.add_argument("--rescans", type=int, default=3, help="rescans of each: %(default)s")
     parser.add_argument("--noise", type=float, default=0.5, help="their noise along each axis, mm: %(default)s")
     parser.add_argument("--patience", type=float, default=30.0, help="CPU s of the paper's solver: %(default)s")
-    parser.add_argument("--evaluations", type=int, default=400, help="of the filter, at most: %(default)s, its default")
+    parser.add_argument("--evaluations", type=int, default=4000, help="of the filter, at most: %(default)s")
     parser.add_argument("--write", type=Path, help="the page's file")
     given = parser.parse_args()
     setting = settled(parser, given)

@@ -24,6 +24,8 @@ ROWS = 24
 """Rows of triangles from the wire to the neckline, over all parts."""
 EVERY = 2
 """Of a cup's stations, every so many is one of the mesh."""
+FILTER_EDGE = 8.0
+"""Edges of the even triangles that MeshLab's filter works on, mm; on finer ones it takes many times as long."""
 ARAP_STEPS, SLIM_STEPS = 100, 25
 """More change the largest, the 95th percentile and the mean of the strain by a tenth at most."""
 
@@ -213,23 +215,30 @@ def laid_flat(part: Part, method: str) -> Part:
 
 
 def made_developable(parts: Sequence[Part], evaluations: int) -> list[Part]:
-    """The parts after MeshLab's developability filter, which moves the vertices of the whole surface.
+    """The parts after MeshLab's developability filter.
 
-    Triangles stay as they are, so that it can be cut along the same lines afterwards; all else is as the filter has it.
+    It works on the whole surface, made anew of even triangles: slim ones at the tips would stop it. Where it moves
+    these, the parts' vertices go with them, so that the surface can be cut along the same lines.
 
     Args:
         parts: of one surface, with common vertices where they meet.
         evaluations: of its energy, at most.
 
     Raises:
-        MissingReaderError: pymeshlab is not installed.
+        MissingReaderError: pymeshlab or libigl is not installed.
     """
-    pymeshlab = module("pymeshlab")
+    pymeshlab, igl = module("pymeshlab"), module("igl", "libigl")
     vertices, faces, own = whole(parts)
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
+    meshes.meshing_isotropic_explicit_remeshing(targetlen=pymeshlab.PureValue(FILTER_EDGE))
+    even, triangles = meshes.current_mesh().vertex_matrix().copy(), _whole(meshes.current_mesh().face_matrix())
     meshes.apply_coord_developability_of_mesh(maxfunevals=evaluations, edgeflips=False, edgecollapses=False)
-    moved = meshes.current_mesh().vertex_matrix()
+    shifts = meshes.current_mesh().vertex_matrix() - even
+    _, under, places = igl.point_mesh_squared_distance(vertices, even, triangles)
+    corners = triangles[under]
+    shares = igl.barycentric_coordinates(places, *(np.ascontiguousarray(even[corners[:, k]]) for k in range(3)))
+    moved = vertices + (shares[..., None] * shifts[corners]).sum(axis=1)
     return [replace(part, vertices=moved[numbers]) for part, numbers in zip(parts, own, strict=True)]
 
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, fields
 from importlib.metadata import PackageNotFoundError, version
 from types import SimpleNamespace
 
-from flattenings import ARAP_STEPS, FILTER, LONG_FILTER, METHODS, SLIM_STEPS
+from flattenings import ARAP_STEPS, FILTER, FILTER_EDGE, LONG_FILTER, METHODS, SLIM_STEPS
 
 OURS, PAPER = "brafit", "the paper's solver"
 ORDER = (*METHODS, FILTER, LONG_FILTER, PAPER, OURS)
 """Rows of one number of panels."""
-LONGER = 100
+LONGER = 20
 """Times the evaluations that the filter gets on the sphere besides."""
 DEVELOPABLE = 0.1
 """Strain (per cent) below which a part counts as developable at every triangle."""
@@ -115,10 +115,11 @@ def introduction(setting: Setting, seconds: float) -> list[str]:
         the neckline, made into triangles and cut along the ridges of brafit's cup of as many panels, seen from within
         the breast. LSCM holds each part's two tips and is scaled to the surface's area; ARAP ({ARAP_STEPS} steps) and
         SLIM ({SLIM_STEPS} steps, symmetric Dirichlet energy) start from it.""",
-        f"""- **Developability filter** of {named("pymeshlab")}, `apply_coord_developability_of_mesh`: it moves the
-        vertices of that surface, with at most {setting.evaluations} evaluations of its energy (its default is 400), and
-        once, on the sphere, with {LONGER} times as many. The triangles are kept, so that the surface can be cut along
-        the same lines; its parts are flattened by ARAP.""",
+        f"""- **Developability filter** of {named("pymeshlab")}, `apply_coord_developability_of_mesh`: it moves that
+        surface, made anew of even triangles with edges of {FILTER_EDGE:g} mm, with at most {setting.evaluations}
+        evaluations of its energy, and once, on the sphere, with {LONGER} times as many. Our triangles move along with
+        those; the moved surface is cut along the same lines, and its parts are flattened by ARAP. *Wire off* is from
+        the wire as it was given.""",
         f"""- **The paper's solver**, on the sphere alone: the paper's cup by Nelder-Mead inside a multiplier method,
         stopped after {setting.patience:g} CPU seconds.""",
         "- **brafit** with its default settings, each scan by itself (in a batch it takes less, see"
@@ -213,10 +214,10 @@ def reading(table: Table, heading: str, setting: Setting) -> list[str]:
     enough = f"""Figures of {about}, {some} panels, ARAP against brafit. Flattening takes {a.seconds} CPU s, the fit
     {b.seconds}. What is laid flat is the breast itself, {a.rms} mm (RMS) off the scan's points, where the cup is
     {b.rms} mm off. For that the cloth has to give: by {a.strain_mean} % on average and by {a.strain_max} % at the
-    worst place; on 95 % of the surface by at most {strained}. Cloth that stretches by so much in every direction and
-    comes back takes that without a fold, if the pieces are cut a little smaller, so that it is stretched everywhere;
-    many knits do. For a soft cup of such cloth flattening is enough, and it follows the body more closely than
-    brafit's panels. ARAP or SLIM are the ones to take: LSCM keeps angles at the cost of lengths."""
+    worst place of all; on 95 % of the surface by at most {strained}. Cloth that stretches by so much in every direction
+    and comes back takes that without a fold, if the pieces are cut a little smaller, so that it is stretched
+    everywhere; many knits do. For a soft cup of such cloth flattening is enough, and it follows the body more closely
+    than brafit's panels. ARAP or SLIM are the ones to take: LSCM keeps angles at the cost of lengths."""
     short = f"""Woven cloth, foam and lace that do not stretch cannot take up that strain: where a piece is too large it
     folds, where it is too small it pulls. The flat wire edge is {a.wire} % off its length,
     {shown(WIRE * rigid.wire / 100)} mm on a wire of {WIRE:g} mm, and the two sides of a seam differ by {a.apart} mm;
@@ -240,9 +241,11 @@ def of_the_filter(table: Table, plain: SimpleNamespace, panels: int) -> list[str
     filtered = table[FILTER, panels]
     if isinstance(filtered, Missing):
         return []
-    text = f"""The developability filter leaves a mean strain of {told(filtered).strain_mean} % where ARAP alone leaves
-    {plain.strain_mean} %. The parts are {"developable then" if filtered.developable else "not developable then"}: it
-    seeks patches and creases of its own, which need not lie where the seams are."""
+    own = told(filtered)
+    text = f"""The developability filter leaves a mean strain of {own.strain_mean} % where ARAP alone leaves
+    {plain.strain_mean} %, and moves the surface to {own.rms} mm (RMS) off the points. The parts are
+    {"developable then" if filtered.developable else "not developable then"}: it seeks patches and creases of its own,
+    which need not lie where the seams are."""
     return [filled(text)]
 
 
