@@ -315,13 +315,14 @@ def main() -> None:
         with contextlib.suppress(MissingReaderError):
             module(name)
     begun = time.process_time()
+    scans = [] if given.folder is None else loaded(parser, given.folder, given.breasts)
     sphere = case_of("sphere", sphere_scan, setting)
     found = [compared(sphere, setting)]
     tables = {"The quarter sphere": gathered(found)}
     tables["The quarter sphere"][LONG_FILTER, 2] = patient_figures(sphere, setting)
     tables["The quarter sphere"][PAPER, 2] = paper_figures(sphere.target, setting.patience)
     if given.folder is not None:
-        found = breasts_compared(loaded(parser, given.folder, given.breasts), setting)
+        found = breasts_compared(scans, setting)
         if not found:
             parser.exit(2, f"no scan of {given.folder} could be compared\n")
         tables["One breast" if len(found) == 1 else f"{len(found)} breasts"] = gathered(found)

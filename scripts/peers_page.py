@@ -121,7 +121,8 @@ def introduction(setting: Setting, seconds: float) -> list[str]:
         those; the moved surface is cut along the same lines, and its parts are flattened by ARAP. *Wire off* is from
         the wire as it was given.""",
         f"""- **The paper's solver**, on the sphere alone: the paper's cup by Nelder-Mead inside a multiplier method,
-        stopped after {setting.patience:g} CPU seconds.""",
+        stopped after {setting.patience:g} CPU seconds. It is told the points and the pole, brafit the points and the
+        upper line; and brafit is asked for smooth edges too.""",
         "- **brafit** with its default settings, each scan by itself (in a batch it takes less, see"
         " [figures.md](figures.md)).",
     ]
