@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from flattenings import arap, lscm
 from readers import LABEL, module, path_points
 from scipy.interpolate import CubicSpline
 from shapely import LineString
@@ -119,20 +120,10 @@ def flattened(mesh: Any, method: str) -> np.ndarray:
         mesh: has vertices (v, 3), flat (v, 2) and faces (f, 3).
         method: `lscm` or `arap`.
     """
-    igl = module("igl", "libigl")
-    faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
-    vertices = np.ascontiguousarray(mesh.vertices)
-    loop = igl.boundary_loop(faces)
-    held = np.array([loop[0], loop[len(loop) // 2]], dtype=np.int64)
-    flat, *_ = igl.lscm(vertices, faces, held, np.ascontiguousarray(mesh.flat[held]))
-    if method == "lscm":
-        return flat
-    data = igl.ARAPData()
-    data.energy = igl.ARAP_ENERGY_TYPE_DEFAULT
-    data.max_iter = 50
-    igl.arap_precomputation(vertices, faces, 2, held[:1], data)
-    moved = np.ascontiguousarray(flat)
-    return igl.arap_solve(np.ascontiguousarray(flat[held[:1]]), data, moved)
+    loop = module("igl", "libigl").boundary_loop(np.ascontiguousarray(mesh.faces, dtype=np.int64))
+    held = loop[[0, len(loop) // 2]]
+    flat = lscm(mesh.vertices, mesh.faces, held, mesh.flat[held])
+    return flat if method == "lscm" else arap(mesh.vertices, mesh.faces, flat, int(held[0]))
 
 
 def misfit(a: np.ndarray, b: np.ndarray) -> float:

@@ -26,7 +26,8 @@ from typing import Protocol
 
 import numpy as np
 import torch
-from check_scans import patterns_apart, simulated, wanted_parts
+from check_scans import simulated, wanted_parts
+from outlines import patterns_apart
 from tqdm import tqdm
 
 from brafit.cup.shape import CupShape

@@ -16,14 +16,22 @@ POINT = 25.4 / 72
 
 
 class MissingReaderError(Exception):
-    """A reader that is not installed."""
+    """A reader that is not installed.
+
+    Attributes:
+        package: that has it, where one is named.
+    """
+
+    def __init__(self, text: str, package: str = ""):
+        super().__init__(text)
+        self.package = package
 
 
 def program(name: str, package: str) -> str:
     """The path of a reader; the Debian package is named where there is none."""
     path = shutil.which(name)
     if path is None:
-        raise MissingReaderError(f"the program {name} is not installed (Debian package {package})")
+        raise MissingReaderError(f"the program {name} is not installed (Debian package {package})", package)
     return path
 
 
@@ -34,7 +42,8 @@ def module(name: str, package: str = "") -> Any:
             warnings.simplefilter("ignore")
             return __import__(name)
     except ImportError:
-        raise MissingReaderError(f"the Python package {package or name} is not installed (extra `test`)") from None
+        package = package or name
+        raise MissingReaderError(f"the Python package {package} is not installed (extra `test`)", package) from None
 
 
 def quietly(*command: object) -> bytes:

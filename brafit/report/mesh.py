@@ -61,7 +61,7 @@ def cup_mesh(shape: CupShape, strips: int = 8, place: Place | None = None) -> Me
         panel_vertices, panel_normals = _panel_vertices(lower, upper, normal, strips)
         vertices.append(panel_vertices)
         directions.append(panel_normals)
-        faces.append(_panel_faces(len(lower), strips) + count)
+        faces.append(panel_faces(len(lower), strips) + count)
         count += len(panel_vertices)
     panel = np.repeat(np.arange(len(vertices)), [len(v) for v in vertices])
     mesh = Mesh(np.concatenate(vertices), np.concatenate(directions), panel, np.concatenate(faces))
@@ -281,7 +281,14 @@ def _panel_vertices(
     )
 
 
-def _panel_faces(stations: int, strips: int) -> Int[ndarray, "f 3"]:
+def panel_faces(stations: int, strips: int) -> Int[ndarray, "f 3"]:
+    """The triangles of a panel whose vertices are its first tip, `strips` + 1 points across it at every inner station
+    from the lower edge to the upper, and its last tip.
+
+    Args:
+        stations: along the edges, tips included.
+        strips: rows of triangles from edge to edge.
+    """
     columns, rows = stations - 2, strips + 1
     last = columns * rows + 1
     k, i = (index.ravel() for index in np.meshgrid(np.arange(columns - 1), np.arange(strips), indexing="ij"))

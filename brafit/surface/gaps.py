@@ -3,9 +3,9 @@
 A fit that looks at the data only slides into a shadow: nothing there speaks against it. So a gap is bridged, from
 its rim and the lines that bound the cup, and the fit sees places on that bridge. They count in no figure.
 
-The breast is seen from a place within it: each direction has a radius. Directions are drawn on a flat chart (azimuthal
-equidistant), where gaps are holes; in them the radius is a spline (kernel r^3, smoother than a thin
-plate, so that it goes on as the surface about the gap curves) through the points about them, wire and upper line.
+The breast is seen from a place within it: each direction has a radius. On the chart of directions
+(`brafit.surface.chart`) gaps are holes; in them the radius is a spline (kernel r^3, smoother than a thin plate, so that
+it goes on as the surface about the gap curves) through the points about them, wire and upper line.
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ from jaxtyping import Float
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import KDTree
 
+from brafit.surface.chart import Chart
 from brafit.surface.coverage import spacing_of
 
 GAP = 4.0
 """A gap begins at this distance (mm) from every point, or at SPARSE times the cloud's spacing."""
 SPARSE = 2.0
-INWARDS = 0.25
-"""Where it is seen from: the middle of the bounding lines, moved by this share towards the middle of the points."""
 RIM_LEAST, RIM_MOST = 100, 800
 """Points about a gap that its bridge is laid through: at least, and one more for each cell of the gap, at most."""
 SMOOTHING = 1e-2
@@ -54,7 +53,7 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
     """
     spacing = spacing_of(points)
     reach = max(GAP, SPARSE * spacing)
-    chart = _Chart.about(points, curve)
+    chart = Chart.about(points, curve)
     place, radius = chart.flat(points)
     rim, rim_radius = chart.flat(curve)
     size = float(np.median(radius))
@@ -73,40 +72,6 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
     area = chart.area(cells, size)
     area[bare] = chart.area(cells[bare], np.linalg.norm(bridge - chart.centre, axis=1))
     return Gaps(float(area[bare][gap].sum() / area.sum()), _thinned(bridge[gap], spacing))
-
-
-@dataclass(frozen=True)
-class _Chart:
-    """Directions from a centre, by angle from an axis and azimuth about it."""
-
-    centre: Float[np.ndarray, "3"]
-    axes: Float[np.ndarray, "3 3"]
-
-    @staticmethod
-    def about(points: np.ndarray, curve: np.ndarray) -> _Chart:
-        middle, bound = points.mean(axis=0), curve.mean(axis=0)
-        out = (middle - bound) / np.linalg.norm(middle - bound)
-        across = np.eye(3)[np.abs(out).argmin()]
-        first = across - (across @ out) * out
-        first /= np.linalg.norm(first)
-        return _Chart(bound + INWARDS * (middle - bound), np.stack([first, np.cross(out, first), out]))
-
-    def flat(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places on the chart (radians) and radii (mm)."""
-        offset = (points - self.centre) @ self.axes.T
-        radius = np.maximum(np.linalg.norm(offset, axis=1), 1e-6)
-        angle = np.arccos(np.clip(offset[:, 2] / radius, -1, 1))
-        across = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-12)
-        return (angle / across)[:, None] * offset[:, :2], radius
-
-    def space(self, places: np.ndarray, radius: np.ndarray) -> np.ndarray:
-        angle = np.linalg.norm(places, axis=1)
-        sine = np.sinc(angle / np.pi)[:, None] * places
-        return self.centre + radius[:, None] * (np.column_stack([sine, np.cos(angle)]) @ self.axes)
-
-    def area(self, places: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
-        """Of the surface about places of an even grid, up to a factor."""
-        return np.asarray(radius) ** 2 * np.sinc(np.linalg.norm(places, axis=1) / np.pi)
 
 
 def _within(polygon: np.ndarray, step: float) -> np.ndarray:

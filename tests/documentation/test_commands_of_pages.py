@@ -38,6 +38,7 @@ SMALLER = {
     r"python scripts/make_scans\.py": "--count 1 --points 5000",
     r"python scripts/check_patterns\.py": "--without-browser",
     r"python scripts/check_sizes\.py": "--many 12",
+    r"python scripts/compare_peers\.py": "--breasts 1 --panels 2 --rescans 2 --patience 1",
 }
 """Options that a command gets besides when it is run, so that it ends soon."""
 NEEDS = {

@@ -11,7 +11,16 @@ from pages import PAGES, ROOT, anchors, blocks, links, tables
 RUNNABLE = sorted(
     file for folder in ("scripts", "examples") for file in (ROOT / folder).rglob("*") if file.suffix in (".py", ".sh")
 )
-PARTS = {"check_cup.py", "check_measures.py", "check_pages.py", "readers.py", "analytic_torso.py"}
+PARTS = {
+    "analytic_torso.py",
+    "check_cup.py",
+    "check_measures.py",
+    "check_pages.py",
+    "flattenings.py",
+    "outlines.py",
+    "peers_page.py",
+    "readers.py",
+}
 """Scripts that only others import."""
 NAMES = re.compile(r"(?<![\w./-])(?:docs|brafit|scripts|examples|tests|conf)/[\w./-]*\w")
 """Paths of the repository as texts name them."""
