@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
-from scipy.signal import find_peaks
 
 from brafit.anatomy.body import Body, shoulders
 from brafit.anatomy.wire_detection import concavity
@@ -86,6 +85,8 @@ def foremost(points: np.ndarray, body: Body, side: str, level: float | None = No
     cell = ((height - height.min()) / CELL).astype(int)
     profile = np.full(cell.max() + 1, -np.inf)
     np.maximum.at(profile, cell, reach)
+    from scipy.signal import find_peaks  # takes long to import, and marked scans do without
+
     peaks = find_peaks(ndimage.median_filter(profile, 3, mode="nearest"), prominence=PROMINENCE)[0]
     if len(peaks):  # not what goes on beyond the zone, as a belly does
         near = np.abs(cell - peaks[profile[peaks].argmax()]) <= 4
