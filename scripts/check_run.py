@@ -51,10 +51,11 @@ def run(scans: Path, out: Path, *more: str) -> subprocess.CompletedProcess[str]:
 
 
 def content(file: Path) -> object:
-    """What a file says, its times and dates apart."""
+    """What a file says, its times, dates and folders apart."""
     if file.name == "fit.json":
         fit = json.loads(file.read_text(encoding="utf-8"))
         fit.pop("seconds")
+        fit["file"] = Path(fit["file"]).name
         settings = fit.get("settings", {})
         for key in ("out", "dataset", "scans", "threads", "batch"):
             settings.pop(key, None)
@@ -191,12 +192,13 @@ def check_poison(folder: Path, work: Path, count: int = 450) -> None:
     wanted = poison(mixed, paths[0])
     bad = [str(mixed / f"{name}.ply") for name in wanted]
     listed = ",".join(f"'{path}'" for path in [str(mixed), *bad])
-    run(clean, work / "clean", *LEAN)
+    settings = (*LEAN, "scan.read_seconds=20")
+    run(clean, work / "clean", *settings)
     stop = threading.Event()
     feller = threading.Thread(target=fell, args=("bad_dies", stop))
     feller.start()
     done = subprocess.run(
-        [*command(mixed, work / "mixed", *LEAN, "scan.read_seconds=20"), f"scans=[{listed}]"],
+        [*command(mixed, work / "mixed", *settings), f"scans=[{listed}]"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     stop.set()
