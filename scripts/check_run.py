@@ -51,10 +51,11 @@ def run(scans: Path, out: Path, *more: str) -> subprocess.CompletedProcess[str]:
 
 
 def content(file: Path) -> object:
-    """What a file says, its times, dates and folders apart."""
+    """What a file says, its times, dates and folders, and the scan's place among all, apart."""
     if file.name == "fit.json":
         fit = json.loads(file.read_text(encoding="utf-8"))
         fit.pop("seconds")
+        fit.pop("position", None)  # in a folder with bad files between
         fit["file"] = Path(fit["file"]).name
         settings = fit.get("settings", {})
         for key in ("out", "dataset", "scans", "threads", "batch"):
