@@ -12,6 +12,7 @@ import numpy as np
 from brafit.fitting import CupFit, Step, Target
 from brafit.fitting.objective import APEX, CLOSEST
 from brafit.fitting.result import ResultCode
+from brafit.run.likeness import seam_blamed
 from brafit.run.recipe import FEWEST, MOST, Recipe
 
 Callback = Callable[[Step], None]
@@ -116,6 +117,7 @@ def _price(own: CupFit, other: CupFit) -> CupFit:
     return replace(
         own,
         notes=(*own.notes, f"{own.name}: {words}"),
+        warnings=seam_blamed(own.warnings, other.warnings) if _is_cup(other) else own.warnings,
         seconds=own.seconds + other.seconds,
         choice={**own.choice, "seam": words, "seam_price": numbers if _is_cup(other) else {"rms_mm": through}},
     )

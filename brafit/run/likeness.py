@@ -20,7 +20,7 @@ stray point is no reason to lose a good cup.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from brafit.anatomy.confidence import Bound, warning
@@ -86,6 +86,7 @@ BOUNDS: Mapping[str, Bound] = {
     ),
 }
 _SHARES = ("behind", "gap", "uncovered")
+_DISTANCES = ("rms", "p95", "max")
 
 
 def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
@@ -102,6 +103,24 @@ def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
     if scan.confidence is not None:
         found["uncovered"] = uncovered_share(fit.shape, scan.dense, AWAY * length)
     return found if scan.gap_share is None else found | {"gap": scan.gap_share}
+
+
+def seam_blamed(warnings: Sequence[str], closest: Sequence[str]) -> tuple[str, ...]:
+    """A cup's warnings, in which those of its distances name the seam through the bust point as their cause, if the
+    closest cup has none like them.
+
+    Args:
+        warnings: of a cup whose seam was led through the bust point.
+        closest: of the closest cup to the same points.
+    """
+    told = []
+    for words in warnings:
+        remedy = next((BOUNDS[key].remedy for key in _DISTANCES if words.endswith(BOUNDS[key].remedy)), "")
+        if remedy and not any(other.endswith(remedy) for other in closest):
+            words = f"{words.removesuffix(remedy)}the seam through the bust point costs that: take more panels"
+            words += " (cup.panels), or leave the seam where it is closest (condition.seam=closest)"
+        told.append(words)
+    return tuple(told)
 
 
 def judged(fit: CupFit, scan: Scan) -> CupFit:

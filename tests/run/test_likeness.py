@@ -15,7 +15,7 @@ from brafit.errors import InputError
 from brafit.fitting import CupFit, ResultCode
 from brafit.report.row import fitted_row
 from brafit.run.fitting import fitted, target_of
-from brafit.run.likeness import BOUNDS, judged, measures
+from brafit.run.likeness import BOUNDS, judged, measures, seam_blamed
 from brafit.run.recipe import Recipe, recipe_of
 from brafit.samples import sample_paths
 from brafit.scan import Scan, load_scan
@@ -130,3 +130,14 @@ def test_assumed_places_count_in_no_figure_and_no_warning(recipe: Recipe) -> Non
     assert not [warning for warning in fit.warnings if "of the points are more than" in warning]
     # what the steps tell on the way is of the scan's own points too
     assert seen[-1].terms["rms_mm"][0].item() == pytest.approx(fit.figures["rms_mm"], rel=0.05)
+
+
+def test_a_seam_that_costs_much_is_named_as_the_cause():
+    """Else the user would look for strays in a good scan."""
+    far, other = BOUNDS["rms"].sentence("10.9 mm"), BOUNDS["wire"].sentence("400.0 mm")
+    (told, kept) = seam_blamed([far, other], [other])
+    assert told.startswith("the cup is far from the points: RMS 10.9 mm; ")
+    assert "condition.seam=closest" in told
+    assert BOUNDS["rms"].remedy not in told
+    assert kept == other
+    assert seam_blamed([far], [far]) == (far,)  # the closest cup is as far
