@@ -160,7 +160,7 @@ def _breast(path: Path, data: dict[str, Any], name: str, units: str | None, pref
     return Landmarks(
         path=path,
         name=name,
-        side=_side(path, _required(path, data, "side", prefix), prefix),
+        side=_side(path, data.get("side"), prefix),
         wire=None if wire is None else _polyline(path, f"{prefix}wire", wire, WIRE_POINTS),
         upper_line=None if upper is None else _polyline(path, f"{prefix}upper_line", upper, 3),
         points=_points(path, data.get("landmarks"), prefix),
@@ -184,12 +184,6 @@ def _json(path: Path) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise InputError(path, f"holds {_kind(data)}, not an object with named fields", SCHEMA)
     return data
-
-
-def _required(path: Path, data: dict[str, Any], field: str, prefix: str) -> Any:
-    if data.get(field) is None:
-        raise InputError(path, f"{prefix}{field}: missing", f"Add the field {field}. {SCHEMA}")
-    return data[field]
 
 
 def _refuse_misspelt(path: Path, data: dict[str, Any], names: tuple[str, ...], prefix: str) -> None:
@@ -225,6 +219,8 @@ def _units(path: Path, units: Any) -> str | None:
 
 
 def _side(path: Path, side: Any, prefix: str) -> str:
+    if side is None:
+        raise InputError(path, f"{prefix}side: missing", 'Add "side": "left" or "side": "right", the wearer\'s')
     if side not in SIDES:
         cause = f'{prefix}side: {_shown(side)} is neither "left" nor "right"'
         raise InputError(path, cause, "Name the wearer's side")

@@ -51,6 +51,11 @@ def cloth_words(options: PatternOptions) -> list[str]:
     return words
 
 
+def reshaped(options: PatternOptions) -> bool:
+    """Whether pieces are cut to other sizes than they have when worn, for ease or stretch."""
+    return any(options.ease.values()) or any(reductions(options))
+
+
 def unequal(options: PatternOptions) -> tuple[str, str]:
     """What makes the two sides of a seam differ, if they do, and what would make them alike."""
     if not any(reductions(options)):

@@ -14,7 +14,7 @@ from shapely import LineString, Point, Polygon
 
 from brafit.pattern.allowance import Ring, cut_outlines, signed_area, valid_polygon
 from brafit.pattern.caption import place_captions
-from brafit.pattern.cloth import as_cut, cloth_words, unequal
+from brafit.pattern.cloth import as_cut, cloth_words, reshaped, unequal
 from brafit.pattern.curve import Curve, closed, curves_through, enclosed_area
 from brafit.pattern.grain import grain_angle, grain_line, grain_name, too_wide
 from brafit.pattern.label import Caption, Label, Sight, place_label
@@ -148,6 +148,19 @@ class Pattern:
         """The columns that files show: these pieces and, if asked for, the other side's."""
         mirrored = tuple(piece.mirrored() for piece in self.pieces)
         return (self.pieces, mirrored) if self.options.pair else (self.pieces,)
+
+    @property
+    def reshaped(self) -> bool:
+        """Whether pieces are cut to other sizes than they have when worn, for ease or stretch."""
+        return reshaped(self.options)
+
+    @property
+    def seam_difference(self) -> float:
+        """Largest difference in length of the two sides of a seam as the pieces are cut, mm; 0 without a seam."""
+        sides: dict[str, list[float]] = {}
+        for line in (line for piece in self.pieces for line in piece.sew):
+            sides.setdefault(line.name, []).append(line.length)
+        return max((max(lengths) - min(lengths) for lengths in sides.values()), default=0.0)
 
 
 def warnings_of(patterns: Sequence[Pattern]) -> list[str]:

@@ -212,7 +212,8 @@ def _cover(patterns: Sequence[Pattern], parts: Sequence[Whole | Tiled], title: s
     level = min(top - CONTROL, top - depth - 4 - 4.6 * len(advice) * bool(tiled)) - 8
     items += _map(parts, MARGIN, level, inner)
     level -= _MAP + 9
-    items.append(text("finished dimensions (sewing lines)", MARGIN, level, 3.8, bold=True))
+    cut = ", as cut" * any(pattern.reshaped for pattern in patterns)
+    items.append(text(f"finished dimensions (sewing lines{cut})", MARGIN, level, 3.8, bold=True))
     for pattern in patterns:
         for piece in pattern.pieces:
             level -= 5

@@ -32,8 +32,12 @@ class Dimension:
     sd: float | None = None
 
 
-SURFACE = "over the surface"
-"""The part of the measures that a tape takes on the cup."""
+CUP, SURFACE = "cup", "over the surface"
+"""The parts of the straight measures of the cup, and of those that a tape takes on it."""
+PANELS_AREA = "area of all panels"
+"""Its one dimension that is of the pieces."""
+MARKS = "apex mark to strap point mark (straight)"
+"""Its one dimension that is of the scan's marks: the cup may pass beside them."""
 
 
 def dimensions(
@@ -57,13 +61,15 @@ def dimensions(
         found |= {(piece.name, line.name): line.length for line in piece.sew}
         width, height = np.ptp(piece.sew_outline(0.001), axis=0)
         found |= {(piece.name, "width"): width, (piece.name, "height"): height, (piece.name, "area"): piece.area / 100}
-    of_cup = _of_cup(_numbers(fit.shape.edges)[None], apex, strap_point)
-    found |= {("cup", name): float(value[0]) for name, value in of_cup.items()}
-    found["cup", "area of all panels"] = sum(piece.area for piece in pattern.pieces) / 100
+    of_cup = _of_cup(_numbers(fit.shape.edges)[None], apex)
+    found |= {(CUP, name): float(value[0]) for name, value in of_cup.items()}
+    if strap_point is not None:
+        found[CUP, MARKS] = float(np.linalg.norm(strap_point - apex))
+    found[CUP, PANELS_AREA] = sum(piece.area for piece in pattern.pieces) / 100
     wire = pattern.options.wire
     if wire["play"] or wire["spring"]:
         length, span = wanted_wire(_numbers(fit.shape.edges[0]), wire["play"], wire["spring"])
-        found |= {("cup", "wire wanted, length"): length, ("cup", "wire wanted, end to end when not worn"): span}
+        found |= {(CUP, "wire wanted, length"): length, (CUP, "wire wanted, end to end when not worn"): span}
     taped = over_surface([fit], apex, strap_point)
     found |= {(SURFACE, name): float(value[0]) for name, value in taped.items() if np.isfinite(value[0])}
     known = deviation or {}
@@ -79,7 +85,8 @@ def dimension_deviation(
     apex: Float[ndarray, "3"],
     strap_point: Float[ndarray, "3"] | None = None,
 ) -> dict[Key, float]:
-    """Standard deviation of every dimension, before ease; empty without alternatives (`brafit.fitting.certainty`).
+    """Standard deviation of every dimension of pieces and cup, before ease and stretch; empty without alternatives
+    (`brafit.fitting.certainty`).
 
     Args:
         fit: the cup.
@@ -91,7 +98,7 @@ def dimension_deviation(
         return {}
     cups = [fit, *alternatives]
     edges = _numbers(torch.stack([cup.shape.edges for cup in cups]))
-    measured = {("cup", name): value for name, value in _of_cup(edges, apex, strap_point).items()}
+    measured = {(CUP, name): value for name, value in _of_cup(edges, apex).items()}
     names, seams = piece_names(len(fit.panels)), seam_names(len(fit.panels))
     areas = []
     for i, name in enumerate(names):
@@ -100,7 +107,7 @@ def dimension_deviation(
         areas.append(sizes["area"])
         measured |= {(name, seams[i]): sizes.pop("lower"), (name, seams[i + 1]): sizes.pop("upper")}
         measured |= {(name, key): value for key, value in sizes.items()}
-    measured["cup", "area of all panels"] = np.sum(areas, axis=0)
+    measured[CUP, PANELS_AREA] = np.sum(areas, axis=0)
     measured |= {(SURFACE, name): values for name, values in over_surface(cups, apex, strap_point).items()}
     spread = {key: float(np.sqrt(np.sum((values[1:] - values[0]) ** 2))) for key, values in measured.items()}
     return {key: value for key, value in spread.items() if np.isfinite(value)}
@@ -125,9 +132,7 @@ def _of_flat(edges: Float[ndarray, "cups 2 n 2"]) -> dict[str, Float[ndarray, " 
     return {"lower": lengths[:, 0], "upper": lengths[:, 1], **sizes}
 
 
-def _of_cup(
-    edges: Float[ndarray, "cups e n 3"], apex: Float[ndarray, "3"], strap_point: Float[ndarray, "3"] | None
-) -> dict[str, Float[ndarray, " cups"]]:
+def _of_cup(edges: Float[ndarray, "cups e n 3"], apex: Float[ndarray, "3"]) -> dict[str, Float[ndarray, " cups"]]:
     """Span, depth, and straight distances from the apex, mm."""
     wire, upper = edges[..., 0, :, :], edges[..., -1, :, :]
     inner, outer = wire[..., 0, :], wire[..., -1, :]
@@ -137,13 +142,9 @@ def _of_cup(
         "outer end": outer,
         "bottom of the wire": np.take_along_axis(wire, lowest, axis=-2)[..., 0, :],
     }
-    found = {
+    return {
         "wire span (end to end)": np.linalg.norm(outer - inner, axis=-1),
         "depth (out of the wire's plane)": edges[..., 2].max((-2, -1)),
         **{f"apex to {name}": np.linalg.norm(place - apex, axis=-1) for name, place in places.items()},
         "apex to nearest point of the upper edge": np.linalg.norm(upper - apex, axis=-1).min(-1),
     }
-    if strap_point is not None:
-        away = float(np.linalg.norm(strap_point - apex))
-        found["apex to strap point"] = np.full(len(edges), away)
-    return found

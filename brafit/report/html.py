@@ -28,7 +28,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "twist_deg_max": ("twist along a ruling, at most (0: truly developable)", "degrees"),
     "regularity_min": ("smallest regularity margin (above 0: rulings do not cross)", ""),
     "isometry_mm": ("lengths in the cup and in the flat pattern differ by, at most", "mm"),
-    "seam_mismatch_mm": ("the two sides of a seam differ in length by, at most", "mm"),
+    "seam_mismatch_mm": ("before ease and stretch, the two sides of a seam differ in length by, at most", "mm"),
     "iterations": ("evaluations of the objective", ""),
     "seconds": ("time of the fit", "s"),
 }

@@ -21,7 +21,7 @@ from brafit.pattern.finish import Pattern
 from brafit.pattern.piece import Piece, Side
 from brafit.report.band import Deviation, band_svg, magnification
 from brafit.report.colour import DIVERGING, PANELS, distance_colours, distance_limit
-from brafit.report.dimensions import Dimension
+from brafit.report.dimensions import CUP, PANELS_AREA, SURFACE, Dimension
 from brafit.report.html import MEANINGS, asset, link, number, page, short, text
 from brafit.report.paper import PaperPanel
 
@@ -92,7 +92,7 @@ def write_report(path: str | Path, content: ScanPage) -> None:
     body = [
         f"<h1>{text(one.name)}</h1>",
         f'<p class="soft">{one.about}</p>',
-        _facts(one.row, one.dimensions),
+        _facts(one.row, one.dimensions, one.pattern),
         _warnings([*one.warnings, *one.pattern.warnings]),
         "<h2>Cup and cloud</h2>",
         _stage(limit, one.gap),
@@ -103,7 +103,7 @@ def write_report(path: str | Path, content: ScanPage) -> None:
         _dimension_table(one.dimensions, one.pattern),
         _nearest_wire(one.row, one.pattern),
         "</section><section><h2>Fit</h2>",
-        _figure_table(one.row),
+        _figure_table(one.row, one.pattern),
         "<h2>Given and guessed</h2>",
         _pairs_table(one.sources),
         "".join(f"<p>{text(note)}</p>" for note in one.notes),
@@ -115,7 +115,10 @@ def write_report(path: str | Path, content: ScanPage) -> None:
     write_text(path, page(f"{one.name}: bra cup", "\n".join(body)))
 
 
-def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension]) -> str:
+def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension], pattern: Pattern) -> str:
+    seams = ("seam sides differ by", row.get("seam_mismatch_mm"), "mm")
+    if pattern.reshaped:
+        seams = ("seam sides differ by, as cut", pattern.seam_difference, "mm")
     depth = next((d.value for d in dimensions if d.name.startswith("depth")), None)
     facts = [
         ("RMS distance", row.get("rms_mm"), "mm"),
@@ -124,7 +127,7 @@ def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension]) -> str:
         ("wire", row.get("wire_length_mm"), "mm"),
         ("depth", depth, "mm"),
         ("twist at most", row.get("twist_deg_max"), "degrees"),
-        ("seam sides differ by", row.get("seam_mismatch_mm"), "mm"),
+        seams,
     ]
     shown = [(name, number(value), unit) for name, value, unit in facts]
     cells = [
@@ -180,16 +183,24 @@ def _certainty(pieces: Sequence[Piece], deviation: Deviation) -> str:
 def _dimension_table(dimensions: Sequence[Dimension], pattern: Pattern) -> str:
     lines, part = [], ""
     for d in dimensions:
-        first = d.part if d.part != part else ""
+        first = _named_part(d.part, pattern) if d.part != part else ""
         part = d.part
+        cut = ", as cut" * (pattern.reshaped and d.name == PANELS_AREA)
         value = pattern.options.length(d.value) if d.unit == "mm" else f"{d.value:.1f} cm²"
         doubt = "" if d.sd is None else _doubt(d, pattern)
-        cells = f'<td>{text(d.name)}</td><td class="number">{value}</td><td class="number soft">{doubt}</td>'
+        cells = f'<td>{text(d.name)}{cut}</td><td class="number">{value}</td><td class="number soft">{doubt}</td>'
         lines.append(f"<tr><th>{text(first)}</th>{cells}</tr>")
     known = any(d.sd is not None for d in dimensions)
     words = "±: one standard deviation, if the breast were scanned again; wire, neckline and marks are taken as exact."
     note = f'<p class="soft">{words}</p>' if known else ""
     return f"<table>{''.join(lines)}</table>{note}"
+
+
+def _named_part(part: str, pattern: Pattern) -> str:
+    """A part's name and, where ease or stretch makes the two differ, whether its measures are as cut or as worn."""
+    if not pattern.reshaped:
+        return part
+    return f"{part} ({'as worn' if part in (CUP, SURFACE) else 'as cut'})"
 
 
 def _nearest_wire(row: Mapping[str, Any], pattern: Pattern) -> str:
@@ -229,12 +240,16 @@ def _pairs_table(pairs: Mapping[str, str]) -> str:
     return f"<table>{lines}</table>"
 
 
-def _figure_table(row: Mapping[str, Any]) -> str:
+def _figure_table(row: Mapping[str, Any], pattern: Pattern) -> str:
     lines = []
     for key, (meaning, unit) in MEANINGS.items():
         value = number(row.get(key))
         if value is not None:
             lines.append(f'<tr><td>{meaning}</td><td class="number">{text(short(value))}</td><td>{unit}</td></tr>')
+    if pattern.reshaped:
+        meaning = "as the pieces are cut, the two sides of a seam differ in length by, at most"
+        value = text(short(pattern.seam_difference))
+        lines.append(f'<tr><td>{meaning}</td><td class="number">{value}</td><td>mm</td></tr>')
     return f"<table>{''.join(lines)}</table>"
 
 

@@ -103,9 +103,10 @@ def _check_limits(node: DictConfig | ListConfig, prefix: str) -> None:
     items = node.items() if isinstance(node, DictConfig) else enumerate(node)
     for key, value in items:
         name = f"{prefix}{key}"
-        if isinstance(value, DictConfig | ListConfig):
+        bounds = limits.get(str(key), {})
+        if isinstance(value, DictConfig | ListConfig) and not bounds:
             _check_limits(value, f"{name}.")
-        elif value is not None and (allowed := _refusal(value, **limits.get(str(key), {}))):
+        elif value is not None and (allowed := _refusal(value, **bounds)):
             raise ConfigError(f"{name}={value}: must be {allowed}")
 
 

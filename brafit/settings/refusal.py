@@ -55,8 +55,10 @@ def refusal(error: BaseException, overrides: Sequence[str], known: Known) -> str
         form = "write key=value; a value with brackets and the like needs quotes of its own: \"key='a[1]'\""
         return f"'{error.override}' cannot be read: {form}"
     if match := re.match(r"Ambiguous value for argument '(.*?)=(.*)'", text):
-        choice = f"add -m to run each in turn, or write a list: {match[1]}=[{match[2]}]"
-        return f"{match[1]}={match[2]}: several values; {choice}"
+        setting = OmegaConf.select(known(), match[1], throw_on_resolution_failure=False)
+        several = match[1] == "scans" or OmegaConf.is_list(setting)
+        choice = f", or write a list: {match[1]}=[{match[2]}]" * several
+        return f"{match[1]}={match[2]}: several values; add -m to run each in turn{choice}"
     if match := re.search(r"Error locating target 'hydra_plugins\.hydra_(\w+)_launcher", f"{text} {cause}"):
         return missing_launcher(match[1], overrides)
     if match := re.search(r"Could not find '(\S+)/([^/\s]+)'", text):
@@ -117,6 +119,8 @@ def _value_refused(cause: BaseException, overrides: Sequence[str], known: Known)
         return unknown_setting(below, known)
     if match := re.match(r"Value '(.*)' of type '\w+' could not be converted to (\w+)", text):
         return f"{key}={match[1]}: must be {KINDS.get(match[2], match[2])}"
+    if match := re.match(r"Value '(\[.*\])' is not a valid bool|Cannot convert 'list' to string: '(\[.*\])'", text):
+        return f"{key}={match[1] or match[2]}: must be {'true or false' if match[1] else 'one text'}, not a list"
     if match := re.match(r"Invalid value assigned: (\w+) is not a ListConfig", text):
         return f"{key}: must be a list: {key}=[VALUE,VALUE]"
     if key and re.match(r"Key '.*' (is not in struct|not in ')", text):

@@ -141,6 +141,13 @@ def test_an_override_beats_an_experiment() -> None:
         ("scans=a[1].ply", ["scans=a[1].ply", "quotes"]),
         ("nonsense", ["nonsense", "key=value"]),
         ("cup.terms=4,6", ["cup.terms=4,6", "-m"]),
+        ("pattern.formats=pdf,svg", ["-m", "or write a list: pattern.formats=[pdf,svg]"]),
+        ("scans=a.ply,b.ply", ["-m", "or write a list: scans=[a.ply,b.ply]"]),
+        ("cup.panels=[2,3]", ["cup.panels=[2, 3]: must be auto or a whole number from 1 to 8"]),
+        ("condition.points=[l1,l2]", ["condition.points=['l1', 'l2']: must be one of l2, l1, robust"]),
+        ("pattern.cloth.stretch=[1,2]", ["pattern.cloth.stretch=[1, 2]: must be a number"]),
+        ("pattern.pair=[true,false]", ["pattern.pair=[True, False]: must be true or false, not a list"]),
+        ("pattern.paper=[a4,a3]", ["pattern.paper=['a4', 'a3']: must be one text, not a list"]),
     ],
 )
 def test_wrong_settings_are_refused_in_one_line(override: str, words: list[str]) -> None:
@@ -148,6 +155,12 @@ def test_wrong_settings_are_refused_in_one_line(override: str, words: list[str])
     assert "\n" not in line
     for word in words:
         assert word in line
+
+
+@pytest.mark.parametrize("override", ["cup.panels=2,3", "pattern.paper=a4,letter", "out=a,b"])
+def test_a_list_is_advised_only_where_one_is_taken(override: str) -> None:
+    line = refusal(*within(override))
+    assert line.endswith("several values; add -m to run each in turn")
 
 
 def test_unknown_key_names_the_keys_of_the_chosen_group() -> None:

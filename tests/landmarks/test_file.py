@@ -56,7 +56,7 @@ def test_repeated_wire_points_are_dropped(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"side": None}, f"side: missing. Add the field side. {SEE}"),
+        ({"side": None}, 'side: missing. Add "side": "left" or "side": "right", the wearer\'s.'),
         (
             {"wire": None, "wires": []},
             "wire: missing; 'wires' looks like it. Rename 'wires' to 'wire', or remove it.",

@@ -263,6 +263,8 @@ def test_seams_match_in_cloth_that_stretches_alike_both_ways_and_are_told_otherw
         found = finish(pieces, options, name="x", side="left")
         sides = [line.length for piece in found.pieces for line in piece.sew if line.name == "ridge"]
         assert (abs(sides[0] - sides[1]) > 0.5) == unequal
+        assert found.reshaped
+        assert found.seam_difference == pytest.approx(abs(sides[0] - sides[1]))
         told = [words for words in found.warnings if "with this stretch its sides are" in words]
         assert len(told) == unequal
         if unequal:

@@ -45,3 +45,12 @@ def test_cover_and_sheet_say_which_sides_and_what_size_are_drawn(options, words)
     for page in (paper_pages([made], "lune")[0], sheet_page([made], "lune")):
         info = {item.text for item in page.items if isinstance(item, Words) and item.layer == "info"}
         assert {words, "size 75B"} <= info
+
+
+@pytest.mark.parametrize(
+    ("ease", "words"),
+    [(0.0, "finished dimensions (sewing lines)"), (-5.0, "finished dimensions (sewing lines, as cut)")],
+)
+def test_cover_says_that_dimensions_are_as_cut(ease, words):
+    cover = paper_pages([pattern(ease={"width": ease, "height": 0.0})], "lune")[0]
+    assert words in {item.text for item in cover.items if isinstance(item, Words)}

@@ -12,7 +12,7 @@ from lunes import RADIUS, lune_cup, lune_flat
 from brafit.cup.shape import CupShape
 from brafit.geometry.development import FlatPanel
 from brafit.pattern import PatternOptions, finish, pieces_from_panels
-from brafit.report.dimensions import dimension_deviation, dimensions
+from brafit.report.dimensions import MARKS, dimension_deviation, dimensions
 
 APEX, STRAP = np.array((60.0, 85.0, 50.0)), np.array((0.0, RADIUS, RADIUS))
 
@@ -39,7 +39,9 @@ def test_deviation_is_that_of_the_alternatives(panels):
     best, others = cup(panels), [cup(panels, 1.001), cup(panels, 0.998)]
     found = dimension_deviation(best, others, APEX, STRAP)
     own, apart = measured(best), [measured(other) for other in others]
-    assert set(found) == set(own)
+    marks = ("cup", MARKS)
+    assert own.pop(marks) == pytest.approx(np.linalg.norm(APEX - STRAP))
+    assert set(found) == set(own), "the distance of two marks is no dimension of the cup, and has no deviation"
     for key, value in own.items():
         wanted = np.sqrt(sum((other[key] - value) ** 2 for other in apart))
         assert found[key] == pytest.approx(wanted, abs=0.005), key
@@ -47,7 +49,7 @@ def test_deviation_is_that_of_the_alternatives(panels):
 
 def test_dimensions_have_the_order_and_units_of_the_pieces():
     pattern = finish(pieces_from_panels(lune_flat(2)), PatternOptions(), name="x", side="left")
-    table = dimensions(cup(2), pattern, APEX, STRAP, {("cup", "apex to strap point"): 0.5})
+    table = dimensions(cup(2), pattern, APEX, STRAP, {("cup", "apex to inner end"): 0.5})
     assert [d.name for d in table[:5]] == ["wire", "ridge", "width", "height", "area"]
     assert [d.part for d in table if d.name == "area"] == ["lower panel", "upper panel"]
     assert {d.unit for d in table if d.name.startswith("area")} == {"cm2"}

@@ -19,6 +19,7 @@ from readers import MissingReaderError
 from brafit.fitting import CupFit, ResultCode, Target
 from brafit.landmarks import CupFrame
 from brafit.pattern import PatternOptions, Side
+from brafit.report.dimensions import MARKS
 from brafit.report.index import write_index
 from brafit.result import Result
 from brafit.underwires.sizes import wire_size
@@ -75,7 +76,7 @@ def test_report_says_what_was_measured_given_and_guessed(tmp_path):
         "wider than the material",
         "the fit was not sure",
         "Finished dimensions",
-        "apex to strap point",
+        "apex mark to strap point mark (straight)",
         "area of all panels",
         "neckline",
     ):
@@ -86,13 +87,32 @@ def test_report_says_what_was_measured_given_and_guessed(tmp_path):
     assert "nan" not in re.sub(r'<script.*?</script>|src="data:[^"]*"', "", text, flags=re.DOTALL)
 
 
+def test_report_tells_sizes_as_cut_from_sizes_as_worn(tmp_path):
+    ease = {"width": -10.0, "height": 0.0}
+    texts = []
+    for name, options in (("plain", {}), ("eased", {"ease": ease})):
+        result(panels=2, **options).save(tmp_path / name)
+        texts.append((tmp_path / name / "report.html").read_text(encoding="utf-8"))
+    plain, eased = texts
+    for words in ("as cut", "as worn"):
+        assert words not in plain
+    for words in (
+        "<th>lower panel (as cut)</th>",
+        "<th>cup (as worn)</th>",
+        "<th>over the surface (as worn)</th>",
+        "<td>area of all panels, as cut</td>",
+        "<span>seam sides differ by, as cut</span>",
+    ):
+        assert words in eased
+
+
 def test_dimensions_of_a_lune():
     found = {(d.part, d.name): d.value for d in result(apex=np.array([0.0, RADIUS, RADIUS])).dimensions()}
     assert found["cup", "wire span (end to end)"] == pytest.approx(2 * RADIUS)
     assert found["cup", "depth (out of the wire's plane)"] == pytest.approx(RADIUS)
     assert found["cup", "apex to inner end"] == pytest.approx(RADIUS * np.sqrt(2))
     assert found["cup", "apex to bottom of the wire"] == pytest.approx(RADIUS * np.sqrt(2))
-    assert found["cup", "apex to strap point"] == pytest.approx(0)
+    assert found["cup", MARKS] == pytest.approx(0)
     assert found["lower panel", "wire"] == pytest.approx(np.pi * RADIUS, abs=0.01)
     assert found["lower panel", "height"] == pytest.approx(2 * RADIUS * np.sin(np.pi / 8), abs=0.02)
 
