@@ -88,12 +88,10 @@ def test_report_says_what_was_measured_given_and_guessed(tmp_path):
 
 
 def test_report_tells_sizes_as_cut_from_sizes_as_worn(tmp_path):
-    ease = {"width": -10.0, "height": 0.0}
-    texts = []
-    for name, options in (("plain", {}), ("eased", {"ease": ease})):
-        result(panels=2, **options).save(tmp_path / name)
-        texts.append((tmp_path / name / "report.html").read_text(encoding="utf-8"))
-    plain, eased = texts
+    made = {"plain": result(), "eased": result(ease={"width": -10.0, "height": 0.0})}
+    for name, one in made.items():
+        one.save(tmp_path / name)
+    plain, eased = ((tmp_path / name / "report.html").read_text(encoding="utf-8") for name in made)
     for words in ("as cut", "as worn"):
         assert words not in plain
     for words in (
