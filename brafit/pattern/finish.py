@@ -24,6 +24,8 @@ from brafit.pattern.piece import Hole, Kind, Piece, Side, self_crossings
 
 Move = Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]]
 
+_Lines = tuple[tuple[str, ...], tuple[str, ...]]
+
 _FINE, _COARSE = 0.005, 0.02
 """Tolerances in mm of the polylines that overlaps are found with, and room for texts."""
 
@@ -307,7 +309,8 @@ def _finish(
     inner = [(hole.name, hole.point) for hole in holes]
     captions = place_captions(sight, eased, named, inner, (grain_name(options), grain))
     widest: Side = "right" if options.pair else side  # the label of the mirrored piece needs its room too
-    label = place_label(sight, _label(piece, options, name, widest, number, date), _wrapped(warnings))
+    essential, further = _label(piece, options, name, widest, number, date)
+    label = place_label(sight, essential + further, _notices(warnings), len(essential))
     label = _for_side(label, widest, side)
     sew = tuple(SewLine(e.name, e.kind, c, w) for e, c, w in zip(piece.edges, eased, widths, strict=True))
     return CutPiece(
@@ -324,22 +327,39 @@ def _finish(
     )
 
 
-def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number: str, date: str) -> tuple[str, ...]:
+def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number: str, date: str) -> _Lines:
+    """What a cutter cannot do without, and what else a label says."""
     kinds = dict.fromkeys(edge.kind for edge in piece.edges)
     allowances = {kind: options.length(options.allowance[kind]) for kind in kinds}
     same = len(set(allowances.values())) == 1
     allowance = next(iter(allowances.values())) if same else ", ".join(f"{k} {v}" for k, v in allowances.items())
     casing = options.wire["casing"] if "wire" in kinds else 0.0
     ease = ", ".join(f"{way} {value:+g} %" for way, value in options.ease.items() if value)
-    lines = [piece.name, number, name, f"{side} cup", options.size and f"size {options.size}"]
-    lines += [f"cut {options.quantity}"]  # of a pair both sides are drawn, and each says so for itself
-    lines += [f"allowance {allowance}", f"casing {options.length(casing)} more" if casing else ""]
-    lines += [f"ease {ease}" if ease else "no ease", *cloth_words(options), date]
+    needed = [piece.name, number, name, f"{side} cup", options.size and f"size {options.size}"]
+    needed += [f"cut {options.quantity}"]  # of a pair both sides are drawn, and each says so for itself
+    needed += [f"allowance {allowance}", *cloth_words(options)]
+    further = [f"casing {options.length(casing)} more" if casing else "", f"ease {ease}" if ease else "no ease", date]
+    return _told(needed), _told(further)
+
+
+def _told(lines: Sequence[str]) -> tuple[str, ...]:
+    """Those that say something, without line breaks."""
     return tuple(" ".join(line.split()) for line in lines if line.strip())
 
 
 def _for_side(label: Label, side: Side, other: Side) -> Label:
     return replace(label, lines=tuple(line.replace(f"{side} cup", f"{other} cup") for line in label.lines))
+
+
+def _notices(warnings: Sequence[str]) -> list[tuple[str, ...]]:
+    """Warnings as a label says them, in full and then ever shorter; the legend's page has them in full."""
+    if not warnings:
+        return [()]
+    heads = dict.fromkeys("seam sides differ" if w.startswith("seam '") else w.partition(":")[0] for w in warnings)
+    texts = [tuple(warnings), (f"{'; '.join(heads)}, see legend",)]
+    if not any("cannot be sewn" in w for w in warnings):  # of which a piece must never be silent
+        texts += [("see legend",), ()]
+    return [_wrapped(words) for words in texts]
 
 
 def _wrapped(warnings: Sequence[str]) -> tuple[str, ...]:

@@ -25,8 +25,8 @@ _CLEAR = 0.8
 """Distance in mm that texts keep from lines, all but a hundredth."""
 LEVEL = np.array((1.0, 0.0))
 """Direction of a level line."""
-_ESSENTIAL = 4
-"""Lines of a label that are never left out."""
+_NAMES = 4
+"""Lines of a label that tell which piece it is; they are left out last, and the first of them never."""
 _TRIM = 4.0
 """Length in mm of a leader's last bit, which may lie within the mark that it leads to."""
 _LABEL_CLEAR = 1.5
@@ -80,7 +80,7 @@ class Label:
         lines: the first is the piece's name.
         notice: further lines below them: warnings.
         at, along, size: middle of the text, direction of its lines (to the right) and height of its letters, mm.
-        left_out: lines that found no room; files that do not depend on room have them.
+        left_out: lines and warnings that found no room; files that do not depend on room have them.
     """
 
     lines: tuple[str, ...]
@@ -166,29 +166,59 @@ class Sight:
         return free
 
 
-def place_label(sight: Sight, lines: tuple[str, ...], notice: tuple[str, ...]) -> Label:
-    """The label where its letters are largest: inside the piece or, where they would be too small to read, below it.
+def place_label(
+    sight: Sight, lines: tuple[str, ...], notices: Sequence[tuple[str, ...]], essential: int | None = None
+) -> Label:
+    """The label where its letters are largest: on the piece or, where not even its first line has room, below it.
 
-    On a narrow piece lines are joined and turned; where even that does not fit, only the first lines are kept.
+    On a narrow piece warnings are shortened and lines are joined and turned. Where that does not do, lines are left
+    out, from the last.
+
+    Args:
+        sight: where there is room; takes what is placed.
+        lines: of the label, what matters most first.
+        notices: the warnings below them, in full and then ever shorter; an empty one is for the name alone.
+        essential: how many of the lines a cutter cannot do without; None: all.
     """
     room = sight.room()
     shapely.prepare(room)
-    best = _placed(room, sight, lines, notice, LEVEL, ())
-    for kept in (lines, lines[:_ESSENTIAL]):
-        if best.size >= _READABLE or (best.size > 0 and kept is not lines):
+    told = [notice for notice in notices if notice] or [()]
+    fewer = [(lines[:count], told[-1]) for count in (essential, _NAMES, 1)] + [(lines[:1], notices[-1])]
+    best = Label(lines, notices[0], np.zeros(2), LEVEL, 0.0)
+    for kept, notice in dict.fromkeys([*((lines, notice) for notice in told), *fewer]):
+        least = _READABLE if kept == lines and notice in told[:2] else _SMALLEST
+        if best.size >= least:
             break
-        for count in (3, 8):
-            joined = tuple(", ".join(kept[i : i + count]) for i in range(0, len(kept), count))
-            for angle in (0, 90, 30, -30, 60, -60, 15, -15):
-                along = np.array((math.cos(math.radians(angle)), math.sin(math.radians(angle))))
-                tried = _placed(room, sight, joined, notice, along, lines[len(kept) :])
-                if tried.size > 1.02 * best.size:
-                    best = tried
+        left_out = lines[len(kept) :] + (notices[0] if notice != notices[0] else ())
+        best = _largest(best, room, sight, kept, notice, left_out)
     if best.size == 0:
         low, high = np.array(sight.cut.bounds[:2]), np.array(sight.cut.bounds[2:])
-        _, height = _extent(lines, notice, _READABLE)
-        best = Label(lines, notice, np.array(((low[0] + high[0]) / 2, low[1] - 2 - height / 2)), LEVEL, _READABLE)
+        _, height = _extent(lines, notices[0], _READABLE)
+        at = np.array(((low[0] + high[0]) / 2, low[1] - 2 - height / 2))
+        best = Label(lines, notices[0], at, LEVEL, _READABLE)
     sight.take(Polygon(best.corners))
+    return best
+
+
+def _largest(
+    best: Label,
+    room: BaseGeometry,
+    sight: Sight,
+    lines: tuple[str, ...],
+    notice: tuple[str, ...],
+    left_out: tuple[str, ...],
+) -> Label:
+    """The best label so far or, if that is plainly larger, one of these lines: level or, if that is too small to read,
+    joined and turned."""
+    tried = _placed(room, sight, lines, notice, LEVEL, left_out)
+    best = tried if tried.size > 1.02 * best.size else best
+    for count in (2, 3, 8) if best.size < _READABLE else ():
+        joined = tuple(", ".join(lines[i : i + count]) for i in range(0, len(lines), count))
+        for angle in (0, 90, 30, -30, 60, -60, 15, -15):
+            along = np.array((math.cos(math.radians(angle)), math.sin(math.radians(angle))))
+            tried = _placed(room, sight, joined, notice, along, left_out)
+            if tried.size > 1.02 * best.size:
+                best = tried
     return best
 
 

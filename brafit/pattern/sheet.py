@@ -134,7 +134,9 @@ def legend(patterns: Sequence[Pattern], at: Float[ndarray, "2"], room: float = R
     """What lines and marks mean, from `at` to the right and down; and its height."""
     pieces = [piece for pattern in patterns for column in pattern.drawn for piece in column]
     options = patterns[0].options
-    items: list[Item] = [text(_UNITS[options.units], 0, -2, _TEXT, bold=True, room=room)]
+    alike = len({pattern.options.units for pattern in patterns}) == 1
+    units = _UNITS[options.units] if alike else "true size (1:1)"
+    items: list[Item] = [text(units, 0, -2, _TEXT, bold=True, room=room)]
     y = -9.0
     for sample, words in _rows(pieces, options):
         items += [sample(y), text(words, 22, y, _TEXT, room=room - 22)]
@@ -154,7 +156,19 @@ def _contents(patterns: Sequence[Pattern]) -> list[str]:
     words = f"{' and '.join(sides)} cup, {count} piece{'s' * (count > 1)}"
     words += f", cut each {options.quantity} times" * (options.quantity > 1)
     own = [f"size {size}" for size in sizes if size and len(sizes) == 1] + [words]
-    return own + cloth_words(options)
+    return own + _cloths(patterns)
+
+
+def _cloths(patterns: Sequence[Pattern]) -> list[str]:
+    """Of what cloth the pieces are cut; a line for each pattern, with its units, where they differ in either."""
+    told = [(pattern.options.units, cloth_words(pattern.options)) for pattern in patterns]
+    if all(one == told[0] for one in told):
+        return told[0][1]
+    units = len({unit for unit, _ in told}) > 1
+    return [
+        f"{one_line(pattern.size)}: {', '.join([unit] * units + (words or ['thin cloth without stretch']))}"
+        for pattern, (unit, words) in zip(patterns, told, strict=True)
+    ]
 
 
 def _rows(pieces: Sequence[CutPiece], options: PatternOptions) -> list[tuple[Callable[[float], Item], str]]:

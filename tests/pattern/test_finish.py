@@ -5,6 +5,7 @@ import pytest
 import shapely
 import torch
 from lunes import RADIUS, lune_area, lune_cup, lune_flat
+from patterns import small
 from shapely import LineString, Point, Polygon
 
 from brafit.errors import ConfigError
@@ -293,6 +294,24 @@ def test_grain_line_and_label_are_on_the_piece(grain):
         assert piece.label.size > 2
 
 
+@pytest.mark.parametrize("panels", [3, 4])
+@pytest.mark.parametrize("scale", [0.45, 0.6, 1.0])
+def test_labels_stay_on_their_piece_with_cloth_and_warnings(panels, scale):
+    """What a cutter needs goes before warnings, which page and DXF file have in full; the name is always there."""
+    own = cloth(20.0, thickness=3.0)
+    found = small(panels, scale, cloth=own, material_width=30.0)
+    assert all(piece.warnings for piece in found.pieces)
+    for piece in found.pieces:
+        label = piece.label
+        assert Polygon(piece.sew_outline(1e-3)).contains(Polygon(label.corners))
+        assert label.lines[0].split(", ")[0] == piece.name
+        everything = " ".join((*label.lines, *label.left_out, *label.notice))
+        assert all(words in everything for words in ("cut 1", "allowance", "cloth 3.0 mm thick", "stretch 20 %"))
+        assert all(words in " ".join((*label.left_out, *label.notice)) for words in piece.warnings)
+        if scale == 1.0:
+            assert all(words in " ".join(label.lines) for words in ("cut 1", "allowance", "cloth 3.0", "stretch 20"))
+
+
 def test_labels_say_what_a_cutter_needs():
     pattern = lunes(size="75B", pair=True, quantity=2, allowance=allowance(8, 6, 6))
     about = ("size 75B", "cut 2", "allowance wire 8.0 mm, ridge 6.0 mm", "no ease", "2001-02-03")
@@ -467,7 +486,8 @@ def test_seams_that_ease_makes_unequal_are_told():
     assert abs(sides[0] - sides[1]) > 1
     (words,) = (words for words in shifted.warnings if "ease" in words)
     assert f"{abs(sides[0] - sides[1]):.1f} mm" in words
-    assert all("ease" in " ".join(piece.label.notice) for piece in shifted.pieces)
+    assert all("WARNING: seam" in " ".join(piece.label.notice) for piece in shifted.pieces)
+    assert all(words in " ".join((*p.label.left_out, *p.label.notice)) for p in shifted.pieces)
 
 
 def a_bent_panel() -> FlatPanel:

@@ -13,7 +13,7 @@ from ezdxf.filemanagement import readfile
 from patterns import pattern, program
 
 from brafit.pattern import Pattern
-from brafit.pattern.drawing import LAYERS, Stroke
+from brafit.pattern.drawing import LAYERS, Stroke, Words
 from brafit.pattern.marks import MATCH_POINT
 from brafit.pattern.svg import page_svg
 from brafit.sizing.drawing import FILES, nest_dxf, nest_page, write_nest
@@ -176,6 +176,23 @@ def test_legend_and_sizes_keep_clear_of_each_other_and_of_the_pieces():
     below = [one for one in words if one.bounds[1] < low]
     assert len(below) > 10
     assert all(one.bounds[3] < low for one in below)
+
+
+def test_legend_tells_the_cloth_of_each_pattern_where_they_differ():
+    foam = {"thickness": 3.0, "stretch": 0.0, "stretch_across": 0.0}
+
+    def told(*patterns: Pattern) -> list[str]:
+        page = nest_page(nested(patterns), "title")
+        return [item.text for item in page.items if isinstance(item, Words) and item.group == "legend"]
+
+    alike = told(pattern(size="1", cloth=foam), pattern(size="2", cloth=foam))
+    assert alike.count("cloth 3.0 mm thick") == 1
+    cloths = told(pattern(size="1"), pattern(size="2", cloth=foam))
+    assert {"1: thin cloth without stretch", "2: cloth 3.0 mm thick"} <= set(cloths)
+    assert "cloth 3.0 mm thick" not in cloths
+    units = told(pattern(size="1", cloth=foam), pattern(size="2", cloth=foam, units="inch"))
+    assert {"1: mm, cloth 3.0 mm thick", "2: inch, cloth 0.12 in thick"} <= set(units)
+    assert not any(words.startswith(("units:", "lengths in")) for words in units)
 
 
 def test_names_of_any_letters_are_kept_apart(tmp_path: Path):
