@@ -104,7 +104,8 @@ def _check_limits(node: DictConfig | ListConfig, prefix: str) -> None:
     for key, value in items:
         name = f"{prefix}{key}"
         bounds = limits.get(str(key), {})
-        if isinstance(value, DictConfig | ListConfig) and not bounds:
+        # a class from outside may stand where bounds hold for numbers and words
+        if isinstance(value, DictConfig) or (isinstance(value, ListConfig) and not bounds):
             _check_limits(value, f"{name}.")
         elif value is not None and (allowed := _refusal(value, **bounds)):
             raise ConfigError(f"{name}={value}: must be {allowed}")
