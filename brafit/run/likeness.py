@@ -98,7 +98,7 @@ def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
     """
     length = polyline_length(scan.wire)
     height = scan.points[:, 2] / length
-    found = {key: fit.figures[f"{key}_mm"] / length for key in ("rms", "p95", "max")}
+    found = {key: fit.figures[f"{key}_mm"] / length for key in _DISTANCES}
     found |= {"depth": float(height.max()), "behind": float((height < -BEHIND).mean()), "wire": length}
     if scan.confidence is not None:
         found["uncovered"] = uncovered_share(fit.shape, scan.dense, AWAY * length)
