@@ -171,7 +171,8 @@ class Result:
         pattern = self.patterns()
         details = {
             "code": self.fit.code.name,
-            "warnings": list(self.fit.warnings),
+            "warnings": [str(warning) for warning in self.fit.warnings],
+            "warning_codes": [warning.code for warning in self.fit.warnings],
             "edges_mm": {piece.name: {line.name: line.length for line in piece.sew} for piece in pattern.pieces},
             "frame": {"origin": self.frame.origin, "axes": self.frame.axes},
             "wire": wire_entry(self.target.wire),
@@ -179,7 +180,8 @@ class Result:
             "conditions": self.fit.conditions,
             "choice": self.fit.choice,
             "pattern": {
-                "warnings": list(pattern.warnings),
+                "warnings": [str(warning) for warning in pattern.warnings],
+                "warning_codes": [warning.code for warning in pattern.warnings],
                 "seams_mm": pattern.seams,
                 "notches_mm": {piece.name: _notches(piece) for piece in pattern.pieces},
                 "paper_cup_mm": self._paper_gap,
@@ -258,7 +260,7 @@ class Result:
             else None,
             sources=self.sources,
             files=[*files, "fit.json"],
-            warnings=self.fit.warnings,
+            warnings=[*map(str, (*self.fit.warnings, *self.patterns().warnings))],
             notes=notes,
         )
         write_report(folder / "report.html", content)

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "brafit"
 LAYERS = (
-    ("geometry", "naming", "processes", "samples", "typeface"),
+    ("geometry", "naming", "processes", "remarks", "samples", "typeface"),
     ("atomic", "errors"),
     ("cloud", "cup", "underwires"),
     ("surface", "settings"),

@@ -19,6 +19,7 @@ from brafit.anatomy.wire_detection import guessed_share
 from brafit.anatomy.wire_ends import off_usual
 from brafit.errors import InputError
 from brafit.geometry.polyline import evenly_spaced, polyline_length
+from brafit.remarks import Remark
 from brafit.surface.normals import Surface
 
 
@@ -62,8 +63,12 @@ class Bound:
             shown: the value with its unit.
             side: of the breast.
         """
-        cause = self.says.format(value=shown, side=side)
+        cause = self.cause(shown, side)
         return f"{cause}; {self.remedy}" if self.remedy else cause
+
+    def cause(self, shown: str, side: str = "") -> str:
+        """What is said of a value; the arguments are those of `sentence`."""
+        return self.says.format(value=shown, side=side)
 
 
 OF_APEX = ("rise", "apex_out", "apex_off", "level", "mirrored")
@@ -236,12 +241,18 @@ OFF = "give or take 3 mm at the apex and 14 mm at the wire's ends, on some bodie
 (docs/proposals.md)."""
 
 
-def warning(found: Confidence, how: str = "proposed") -> str:
+def warning(found: Confidence, how: str = "proposed") -> Remark | None:
     """What is said of marks that nobody looked at: their doubts; of proposed ones without any, how far such lie off all
-    the same. Empty for mirrored ones without doubts.
+    the same. None for mirrored ones without doubts.
+
+    Args:
+        found: what speaks for the marks of one breast.
+        how: where the marks are from, `proposed` or `mirrored`.
     """
-    general = f"nobody has looked at the proposed landmarks, {OFF}: look at them with brafit-inspect"
-    return doubt(found, how) or (general if how == "proposed" else "")
+    if words := doubt(found, how):
+        return Remark("doubtful_landmarks", words)
+    words = f"nobody has looked at the proposed landmarks, {OFF}: look at them with brafit-inspect"
+    return Remark("unseen_landmarks", words) if how == "proposed" else None
 
 
 def doubt(found: Confidence, how: str = "proposed") -> str:

@@ -174,7 +174,8 @@ def _doubts(scan: Scan) -> list[str]:
     """How far landmarks that nobody looked at can be trusted."""
     if scan.confidence is None:
         return []
-    return [warning(scan.confidence, scan.origin.marks) or "nothing about the mirrored landmarks is unusual"]
+    told = warning(scan.confidence, scan.origin.marks)
+    return ["nothing about the mirrored landmarks is unusual" if told is None else str(told)]
 
 
 def _figure(scan: Scan, cloud: Cloud):

@@ -21,6 +21,7 @@ from brafit.fitting.objective import APEX, Objective, Pressure
 from brafit.fitting.result import ResultCode
 from brafit.fitting.solver import Callback, Solution, Step
 from brafit.geometry.products import dots, solved_each
+from brafit.remarks import Remark
 
 _SHORTEST = 1e-2
 """A step is not shortened further than this."""
@@ -125,7 +126,7 @@ class LM:
         penalty = self.stages[-1].penalty
         stages = [s for s in self.stages if not s.leading or objective.conditions.seam == APEX]
         total, done = sum(s.steps for s in stages), 0
-        notes: list[list[str]] = [[] for _ in range(batch)]
+        notes: list[list[Remark]] = [[] for _ in range(batch)]
 
         for number, stage in enumerate(stages):
             last = number == len(stages) - 1
@@ -180,7 +181,7 @@ class LM:
         groups: Tensor,
         keep: int,
         codes: list[ResultCode],
-        notes: list[list[str]] | None,
+        notes: list[list[Remark]] | None,
     ) -> Tensor:
         """The best `keep` of each group's live problems; the others are marked, and noted where they had converged
         elsewhere.
@@ -203,7 +204,7 @@ class LM:
                 worst = max(ends[row] for row in apart) / best - 1
                 words = f"{len(apart)} of the last {len(own)} starts ended in another optimum, up to {worst:.0%} worse"
                 for row in order[:keep]:
-                    notes[row].append(words)
+                    notes[row].append(Remark("starts_apart", words))
         return torch.tensor(sorted(chosen), device=live.device)
 
 

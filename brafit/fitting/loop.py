@@ -37,6 +37,7 @@ from brafit.fitting.solver import Callback, Solution, Solver
 from brafit.fitting.start import nearest_ridges, start_cups
 from brafit.fitting.targets import Target, Targets
 from brafit.geometry.development import FlatPanel
+from brafit.remarks import Remark
 
 TWIST_LIMIT = 0.01
 """Largest twist, in degrees, of panels that are to be developable."""
@@ -72,7 +73,7 @@ class CupFit:
         parameters: the cup's parameters by name, solver units.
         iterations: evaluations of the objective by the start that won.
         seconds: this scan's share of the batch's time.
-        warnings: what is uncertain about the fit, in plain words.
+        warnings: what is uncertain about the fit.
         alternatives: cups a standard deviation away, see `brafit.fitting.certainty`; none where that is not known.
         conditions: of each condition of another kind (`Conditions.extra`) what was measured, by its name.
         notes: what was found out by fitting, such as what one more panel would bring.
@@ -89,10 +90,10 @@ class CupFit:
     parameters: dict[str, list]
     iterations: int
     seconds: float
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Remark, ...] = ()
     alternatives: Sequence[Alternative] = ()
     conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Remark, ...] = ()
     choice: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -290,43 +291,50 @@ def _judged(
     bends: Sequence[Bend],
     cup: Cup,
     condition: Conditions,
-    told: Sequence[str],
+    told: Sequence[Remark],
 ) -> CupFit:
     """The fit with its warnings; unresolved, if the model makes developable panels and these are not, or if it is no
     cup.
     """
     margin, twist = fit.figures["regularity_min"], fit.figures["twist_deg_max"]
-    warnings, faults = list(told), []
+    warnings, faults = list(told), list[Remark]()
     if margin < condition.margin - MARGIN_TOLERANCE:
-        faults.append(f"the regularity margin is {margin:.3f}, below {condition.margin:g}")
+        faults.append(Remark("margin", f"the regularity margin is {margin:.3f}, below {condition.margin:g}"))
     far = float((np.abs(fit.distances) > FAR).mean())
     if fit.code is ResultCode.STEP_LIMIT:
-        warnings.append("the fit stopped at its step limit, perhaps short of the best cup")
+        warnings.append(Remark("step_limit", "the fit stopped at its step limit, perhaps short of the best cup"))
     if far > FAR_SHARE:
-        warnings.append(f"{far:.1%} of the points are more than {FAR:g} mm from the cup; more panels follow it closer")
+        cause = f"{far:.1%} of the points are more than {FAR:g} mm from the cup"
+        warnings.append(Remark("far_points", cause, remedy="more panels follow it closer"))
     if fit.figures["outline_sd_mm"] > UNCERTAIN:
         sd = fit.figures["outline_sd_mm"]
-        warnings.append(f"another scan of this breast would move the outlines by {sd:.1f} mm (standard deviation)")
+        words = f"another scan of this breast would move the outlines by {sd:.1f} mm (standard deviation)"
+        warnings.append(Remark("uncertain_outline", words))
     if cup.developable:
-        warnings += [str(bend) for bend in bends if bend.radius < TIGHT]
+        warnings += [Remark("tight_bend", str(bend)) for bend in bends if bend.radius < TIGHT]
     limit = condition.neckline_limit
     off = 0.0 if line is None else upper_edge_gap(fit.shape.edges[-1], torch.as_tensor(np.concatenate(line.sides)))
     if not cup.constrained and limit is not None and off > 1.1 * limit:
         cause = (
             f"the upper edge is {off:.2f} mm off the smoothed neckline (mean), condition.neckline_limit is {limit:g}"
         )
-        warnings.append(f"{cause}; a larger condition.neckline or a smaller condition.fairness brings it nearer")
+        remedy = "a larger condition.neckline or a smaller condition.fairness brings it nearer"
+        warnings.append(Remark("upper_edge_off", cause, remedy=remedy))
     if condition.seam == APEX and fit.figures["seam_to_apex_mm"] > SEAM_LIMIT:
         cause = f"the seam passes the bust point at {fit.figures['seam_to_apex_mm']:.1f} mm"
-        warnings.append(f"{cause}, {SEAM_LIMIT:g} mm are asked for; a larger condition.ridge_apex brings it nearer")
+        cause = f"{cause}, {SEAM_LIMIT:g} mm are asked for"
+        remedy = "a larger condition.ridge_apex brings it nearer"
+        warnings.append(Remark("seam_off_bust_point", cause, remedy=remedy))
     if cup.developable and not twist <= TWIST_LIMIT:
-        faults.append(f"a ruling's normals differ by {twist:.3g} degrees, more than {TWIST_LIMIT:g}")
+        words = f"a ruling's normals differ by {twist:.3g} degrees, more than {TWIST_LIMIT:g}"
+        faults.append(Remark("twist", words))
     torn = not fit.figures["isometry_mm"] <= ISOMETRY_LIMIT
     if torn:
-        faults.append(f"lengths in the cup and in its patterns differ by {fit.figures['isometry_mm']:.3g} mm")
+        words = f"lengths in the cup and in its patterns differ by {fit.figures['isometry_mm']:.3g} mm"
+        faults.append(Remark("isometry", words))
     if (cup.developable or torn) and faults and fit.code is not ResultCode.DIVERGED:
         code = ResultCode.UNRESOLVED
-        reason = f"{code.value}: {'; '.join(faults)}. {REMEDY}"
+        reason = f"{code.value}: {'; '.join(map(str, faults))}. {REMEDY}"
         return replace(fit, code=code, reason=reason, warnings=(*warnings, *faults))
     return replace(fit, warnings=(*warnings, *faults))
 

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.result import ResultCode
+from brafit.remarks import Remark
 
 
 @dataclass(frozen=True)
@@ -45,13 +46,13 @@ Callback = Callable[[Step], None]
 
 @dataclass(frozen=True)
 class Solution:
-    """Where B problems ended. `warnings`: what a solver has to say about each, in plain words."""
+    """Where B problems ended. `warnings`: what a solver has to say about each."""
 
     flat: Float[Tensor, "batch size"]
     codes: list[ResultCode]
     iterations: Int[Tensor, " batch"]
     pressure: Pressure
-    warnings: Sequence[Sequence[str]] = ()
+    warnings: Sequence[Sequence[Remark]] = ()
 
 
 @runtime_checkable

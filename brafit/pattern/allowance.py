@@ -19,6 +19,7 @@ from shapely import LineString, Polygon, make_valid
 from shapely.geometry.base import BaseGeometry
 
 from brafit.pattern.curve import TOLERANCE, Curve, Stretch, closed, cross, curves_through, fit_curves, offsets, right_of
+from brafit.remarks import Remark
 
 _FINE = 0.005
 """Tolerance in mm of the polylines that outlines are compared with."""
@@ -49,7 +50,7 @@ class Ring:
     seams: Sequence[str] = ()
 
 
-def cut_outlines(rings: Sequence[Ring]) -> list[tuple[list[Curve], list[str]]]:
+def cut_outlines(rings: Sequence[Ring]) -> list[tuple[list[Curve], list[Remark]]]:
     """The cut line around each piece, curves that meet in corners, and what is wrong with it.
 
     Past its ends the allowance of a seam runs on equally far on both pieces, so that their cut lines end together when
@@ -231,7 +232,7 @@ def _corner(ring: Ring, index: int, reach: Reach) -> Float[ndarray, "n 2"] | Non
     return np.stack((first, first + reach[0] * go, last - reach[1] * come, last))
 
 
-def _trimmed_outline(ring: Ring, corners: Sequence[Float[ndarray, "_ 2"] | None]) -> tuple[list[Curve], list[str]]:
+def _trimmed_outline(ring: Ring, corners: Sequence[Float[ndarray, "_ 2"] | None]) -> tuple[list[Curve], list[Remark]]:
     """The outline of all that lies within the allowances, hollows rounded, and what is wrong with it."""
     curves, widths, outward = ring.curves, ring.widths, ring.outward
     parts: list[BaseGeometry] = [valid_polygon(closed(curves, _FINE))]
@@ -249,15 +250,16 @@ def _trimmed_outline(ring: Ring, corners: Sequence[Float[ndarray, "_ 2"] | None]
     pieces = sorted(getattr(whole, "geoms", [whole]), key=lambda part: part.area)
     messages = []
     if len(pieces) > 1 and pieces[-2].area > 1.0:
-        messages.append("the allowance falls into several parts; only the largest is drawn")
+        messages.append(Remark("allowance_apart", "the allowance falls into several parts; only the largest is drawn"))
     if any(Polygon(hole).area > 1.0 for hole in pieces[-1].interiors):
-        messages.append("the allowance closes round a gap in the piece, which is cut off")
+        words = "the allowance closes round a gap in the piece, which is cut off"
+        messages.append(Remark("allowance_closes", words))
     exterior = LineString(pieces[-1].exterior.simplify(2e-4).coords)
     for curve, width in zip(curves, widths, strict=True):
         most = _widest(curve, width, exterior)
         if width > 0 and most > _BRIDGE * width:
-            words = f"the allowance bridges a hollow of the sewing line, {most:.1f} mm wide there; clip it when sewing"
-            messages.append(words)
+            cause = f"the allowance bridges a hollow of the sewing line, {most:.1f} mm wide there"
+            messages.append(Remark("allowance_bridges", cause, remedy="clip it when sewing"))
     around = np.asarray(exterior.coords)[:-1]
     around = around[::-1] if outward * signed_area(around) < 0 else around
     return _traced(around, curves, widths, outward), messages

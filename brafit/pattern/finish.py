@@ -21,11 +21,20 @@ from brafit.pattern.label import Caption, Label, Sight, place_label
 from brafit.pattern.notch import Notch, notch_places, notches_on
 from brafit.pattern.options import PatternOptions
 from brafit.pattern.piece import Hole, Kind, Piece, Side, self_crossings
+from brafit.remarks import Remark
 
 Move = Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]]
 
 _Lines = tuple[tuple[str, ...], tuple[str, ...]]
 
+CROSSES = "crosses_itself"
+"""Code of the warning of a piece that cannot be sewn."""
+_HEADS = {
+    CROSSES: "the outline crosses itself",
+    "seam_sides_differ": "seam sides differ",
+    "not_developable": "not truly developable",
+}
+"""What a label with little room says of some warnings; of the others it says the whole."""
 _FINE, _COARSE = 0.005, 0.02
 """Tolerances in mm of the polylines that overlaps are found with, and room for texts."""
 
@@ -57,7 +66,7 @@ class CutPiece:
         grain: the two ends of the grain line.
         label: what the piece says about itself, with its warnings below.
         captions: names of the ends and of the notches that stand for landmarks.
-        warnings: what failed a check.
+        warnings: which checks failed.
     """
 
     name: str
@@ -69,7 +78,7 @@ class CutPiece:
     grain: Float[ndarray, "2 2"]
     label: Label
     captions: tuple[Caption, ...] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Remark, ...] = ()
 
     @property
     def bounds(self) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
@@ -133,7 +142,7 @@ class Pattern:
         pieces: for that side, from the wire up.
         options: how they were finished.
         seams: for each edge name the lengths of its sides before ease, from the wire up, mm.
-        warnings: what failed a check, of all pieces and of the pattern as a whole.
+        warnings: which checks failed, of all pieces and of the pattern as a whole.
     """
 
     name: str
@@ -143,7 +152,7 @@ class Pattern:
     pieces: tuple[CutPiece, ...]
     options: PatternOptions
     seams: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Remark, ...] = ()
 
     @property
     def drawn(self) -> tuple[tuple[CutPiece, ...], ...]:
@@ -168,7 +177,8 @@ class Pattern:
 def warnings_of(patterns: Sequence[Pattern]) -> list[str]:
     """All warnings, with the patterns' names if there are several."""
     several = len(patterns) > 1
-    return [f"{pattern.name}: {words}" if several else words for pattern in patterns for words in pattern.warnings]
+    named = ((pattern, warning) for pattern in patterns for warning in pattern.warnings)
+    return [f"{pattern.name}: {warning}" if several else str(warning) for pattern, warning in named]
 
 
 def finish(
@@ -200,37 +210,49 @@ def finish(
             eased[edge.name] = (*eased.get(edge.name, ()), after.length)
             for mark in edge.marks:
                 marks.setdefault(edge.name, {}).setdefault(mark.name, []).append(mark.distance)
-    whole = [
-        f"seam '{edge}': its sides are {max(sides) - min(sides):.2f} mm different in length"
-        for edge, sides in seams.items()
-        if max(sides) - min(sides) > options.seam_tolerance
-    ]
-    change, remedy = unequal(options)
-    if not whole:  # sides that match before ease need not afterwards: every piece is eased along its own chord
-        whole += [
-            f"seam '{edge}': with this {change} its sides are {max(sides) - min(sides):.1f} mm different in length; "
-            f"sew notch to notch, or {remedy}"
-            for edge, sides in eased.items()
-            if max(sides) - min(sides) > options.seam_tolerance
-        ]
+    whole = _unequal_seams(seams, eased, options)
     twist = (figures or {}).get("twist_deg_max", 0.0)
     if twist > options.twist_limit:
-        whole.append(f"not truly developable: twist up to {twist:.1f} degrees, the cloth will strain there")
+        words = f"not truly developable: twist up to {twist:.1f} degrees, the cloth will strain there"
+        whole.append(Remark("not_developable", words))
     size = options.size or name
     outlines = cut_outlines([Ring(own.eased, own.widths, own.outward, own.seams) for own in sewn])
     done = []
     for number, (own, (cut, messages)) in enumerate(zip(sewn, outlines, strict=True), start=1):
-        edges = {edge.name for edge in own.piece.edges}
+        elsewhere = {_seam_name(edge) for edge in seams} - {_seam_name(edge.name) for edge in own.piece.edges}
         places = {
             edge.name: notch_places(edge.kind, float(np.mean(seams[edge.name])), marks.get(edge.name, {}), options)
             for edge in own.piece.edges
         }
-        about = [w for w in whole if not w.startswith("seam") or any(f"'{e}'" in w for e in edges)]
+        about = [warning for warning in whole if warning.about not in elsewhere]
         done.append(
             _finish(own, cut, messages, places, options, about, (name, side, f"piece {number} of {len(sewn)}", date))
         )
-    own = dict.fromkeys(f"{piece.name}: {w}" for piece in done for w in piece.warnings if w not in whole)
+    own = dict.fromkeys(replace(w, about=piece.name) for piece in done for w in piece.warnings if w not in whole)
     return Pattern(name, side, size, date, tuple(done), options, seams, (*whole, *own))
+
+
+def _unequal_seams(
+    seams: Mapping[str, Sequence[float]], eased: Mapping[str, Sequence[float]], options: PatternOptions
+) -> list[Remark]:
+    """Of seams whose sides differ in length; of what ease and stretch make of them only if they match without."""
+
+    def differing(lengths: Mapping[str, Sequence[float]]) -> dict[str, float]:
+        found = {_seam_name(edge): max(sides) - min(sides) for edge, sides in lengths.items()}
+        return {seam: by for seam, by in found.items() if by > options.seam_tolerance}
+
+    if found := differing(seams):
+        words = "its sides are {:.2f} mm different in length"
+        return [Remark("seam_sides_differ", words.format(by), seam) for seam, by in found.items()]
+    change, remedy = unequal(options)  # every piece is eased along its own chord
+    words = f"with this {change} its sides are {{:.1f}} mm different in length"
+    remedy = f"sew notch to notch, or {remedy}"
+    return [Remark("seam_sides_differ", words.format(by), seam, remedy) for seam, by in differing(eased).items()]
+
+
+def _seam_name(edge: str) -> str:
+    """What a remark on a seam is about."""
+    return f"seam '{edge}'"
 
 
 @dataclass(frozen=True)
@@ -270,10 +292,10 @@ def _sewn(pieces: Sequence[Piece], options: PatternOptions, side: Side) -> list[
 def _finish(
     sewn: _Sewn,
     cut: Sequence[Curve],
-    messages: Sequence[str],
+    messages: Sequence[Remark],
     places: Mapping[str, list[tuple[str, float, bool]]],
     options: PatternOptions,
-    about: Sequence[str],
+    about: Sequence[Remark],
     names: tuple[str, Side, str, str],
 ) -> CutPiece:
     piece, eased, widths = sewn.piece, sewn.eased, sewn.widths
@@ -282,14 +304,15 @@ def _finish(
     coarse = closed(eased, _COARSE)
     crossed = len(self_crossings(coarse))
     if crossed:
-        warnings.append(f"the outline crosses itself{f' {crossed} times' * (crossed > 1)}: this piece cannot be sewn")
+        times = f" {crossed} times" * (crossed > 1)
+        warnings.append(Remark(CROSSES, f"the outline crosses itself{times}: this piece cannot be sewn"))
     gap = max(float(np.linalg.norm(a.end - b.start)) for a, b in zip(eased, [*eased[1:], eased[0]], strict=True))
     if gap > options.seam_tolerance:
-        warnings.append(f"the edges miss each other by {gap:.2f} mm at an end")
+        warnings.append(Remark("edges_apart", f"the edges miss each other by {gap:.2f} mm at an end"))
     warnings += [] if crossed else messages
     outline = closed(cut, _FINE)
-    if clipped := too_wide(outline, options, side):
-        warnings.append(clipped)
+    if words := too_wide(outline, options, side):
+        warnings.append(Remark("too_wide", words))
     notches = [
         notch
         for i, edge in enumerate(piece.edges)  # the first edge runs from the inner end, the others back to it
@@ -351,13 +374,13 @@ def _for_side(label: Label, side: Side, other: Side) -> Label:
     return replace(label, lines=tuple(line.replace(f"{side} cup", f"{other} cup") for line in label.lines))
 
 
-def _notices(warnings: Sequence[str]) -> list[tuple[str, ...]]:
+def _notices(warnings: Sequence[Remark]) -> list[tuple[str, ...]]:
     """Warnings as a label says them, in full and then ever shorter; the legend's page has them in full."""
     if not warnings:
         return [()]
-    heads = dict.fromkeys("seam sides differ" if w.startswith("seam '") else w.partition(":")[0] for w in warnings)
-    texts = [tuple(warnings), (f"{'; '.join(heads)}, see legend",)]
-    if not any("cannot be sewn" in w for w in warnings):  # of which a piece must never be silent
+    heads = dict.fromkeys(_HEADS.get(w.code, str(w)) for w in warnings)
+    texts = [tuple(map(str, warnings)), (f"{'; '.join(heads)}, see legend",)]
+    if not any(w.code == CROSSES for w in warnings):  # of which a piece must never be silent
         texts += [("see legend",), ()]
     return [_wrapped(words) for words in texts]
 

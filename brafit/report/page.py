@@ -47,7 +47,7 @@ class ScanPage:
         sources: for each input what was given, or what was taken in its place.
         files: other results in the same folder, to link to.
         band: sewing lines of the pieces and how uncertain each of their edges is, where that is known.
-        warnings: of the fit; those of the pattern are shown with them.
+        warnings: of the fit and the pattern, in words.
         notes: what was found out about the scan, such as its unit.
     """
 
@@ -93,7 +93,7 @@ def write_report(path: str | Path, content: ScanPage) -> None:
         f"<h1>{text(one.name)}</h1>",
         f'<p class="soft">{one.about}</p>',
         _facts(one.row, one.dimensions, one.pattern),
-        _warnings([*one.warnings, *one.pattern.warnings]),
+        _warnings(one.warnings),
         "<h2>Cup and cloud</h2>",
         _stage(limit, one.gap),
         "<h2>Pieces</h2>",

@@ -12,6 +12,7 @@ import numpy as np
 from brafit.fitting import CupFit, Step, Target
 from brafit.fitting.objective import APEX, CLOSEST
 from brafit.fitting.result import ResultCode
+from brafit.remarks import Remark
 from brafit.run.likeness import seam_blamed
 from brafit.run.recipe import FEWEST, MOST, Recipe
 
@@ -73,14 +74,12 @@ def _taken(tried: Mapping[int, CupFit], tolerance: float) -> CupFit:
     warnings = taken.warnings
     if not kept:
         remedy = f"raise cup.tolerance ({tolerance:g} mm), or set cup.panels to more"
-        warnings = (
-            *warnings,
-            f"no cup of {FEWEST} to {MOST} panels keeps the tolerance, {panels} come closest; {remedy}",
-        )
+        cause = f"no cup of {FEWEST} to {MOST} panels keeps the tolerance, {panels} come closest"
+        warnings = (*warnings, Remark("tolerance_missed", cause, remedy=remedy))
     return replace(
         taken,
         warnings=warnings,
-        notes=(*taken.notes, f"{taken.name}: {words}"),
+        notes=(*taken.notes, Remark("panels_chosen", words, taken.name)),
         seconds=sum(fit.seconds for fit in tried.values()),
         choice={
             **taken.choice,
@@ -116,7 +115,7 @@ def _price(own: CupFit, other: CupFit) -> CupFit:
     numbers = {"rms_mm": through, "closest_rms_mm": off, "closest_seam_to_apex_mm": away}
     return replace(
         own,
-        notes=(*own.notes, f"{own.name}: {words}"),
+        notes=(*own.notes, Remark("seam_price", words, own.name)),
         warnings=seam_blamed(own.warnings, other.warnings) if _is_cup(other) else own.warnings,
         seconds=own.seconds + other.seconds,
         choice={**own.choice, "seam": words, "seam_price": numbers if _is_cup(other) else {"rms_mm": through}},

@@ -10,6 +10,7 @@ from brafit.fitting import CupFit, Step, Target
 from brafit.fitting.objective import APEX
 from brafit.pattern import Side
 from brafit.pattern.cloth import cloth_words
+from brafit.remarks import Remark
 from brafit.report.uncovered import uncovered_share
 from brafit.result import Result
 from brafit.run.choice import Course, chosen, with_bust_point
@@ -60,7 +61,7 @@ def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callable[[Step], Non
     fits = chosen(recipe, len(scans), some)
     words = "no bust point is marked: the seam runs through the scan's point farthest from the chest"
     return [
-        replace(fit, notes=(*fit.notes, f"{fit.name}: {words}")) if guess else fit
+        replace(fit, notes=(*fit.notes, Remark("bust_point_guessed", words, fit.name))) if guess else fit
         for fit, guess in zip(fits, guessed, strict=True)
     ]
 
@@ -101,7 +102,8 @@ def scan_facts(scan: Scan, fit: CupFit, middle: Scan) -> dict[str, Any]:
         "cleaning": asdict(scan.cleaning),
         "units": asdict(scan.units),
         "origin": asdict(scan.origin),
-        "notes": [*map(str, scan.notes), *fit.notes],
+        "notes": [str(note) for note in (*scan.notes, *fit.notes)],
+        "note_codes": [note.code for note in (*scan.notes, *fit.notes)],
         "uncovered_share": uncovered_share(fit.shape, middle.dense),
         "assumed_points": len(scan.assumed),
         "landmarks": {

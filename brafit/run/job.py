@@ -59,8 +59,8 @@ class Done:
     Attributes:
         position, name: its place in the whole dataset, and its name.
         row: its line of the table.
-        warnings: of fit and pattern.
-        notes: what was found out about the scan.
+        warnings: of fit and pattern, in words.
+        notes: what was found out about the scan, in words.
         cause: of a failure, without the names and numbers of this one scan, to count by.
         kept: it was finished before.
         trace: of an error that nobody expected.

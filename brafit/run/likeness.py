@@ -26,6 +26,7 @@ from dataclasses import replace
 from brafit.anatomy.confidence import Bound, warning
 from brafit.fitting import CupFit, ResultCode
 from brafit.geometry.polyline import polyline_length
+from brafit.remarks import Remark
 from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
 from brafit.underwires.nearest import chosen_wire
@@ -105,7 +106,19 @@ def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
     return found if scan.gap_share is None else found | {"gap": scan.gap_share}
 
 
-def seam_blamed(warnings: Sequence[str], closest: Sequence[str]) -> tuple[str, ...]:
+def code_of(key: str) -> str:
+    """The code of the warning of a measure of `BOUNDS` that is unusual."""
+    return f"unlike_{key}"
+
+
+_OF_DISTANCES = {code_of(key) for key in _DISTANCES}
+_COSTS = (
+    "the seam through the bust point costs that: take more panels (cup.panels), or leave the seam where it is closest"
+    " (condition.seam=closest)"
+)
+
+
+def seam_blamed(warnings: Sequence[Remark], closest: Sequence[Remark]) -> tuple[Remark, ...]:
     """A cup's warnings, in which those of its distances name the seam through the bust point as their cause, if the
     closest cup has none like them.
 
@@ -113,14 +126,8 @@ def seam_blamed(warnings: Sequence[str], closest: Sequence[str]) -> tuple[str, .
         warnings: of a cup whose seam was led through the bust point.
         closest: of the closest cup to the same points.
     """
-    told = []
-    for words in warnings:
-        remedy = next((BOUNDS[key].remedy for key in _DISTANCES if words.endswith(BOUNDS[key].remedy)), "")
-        if remedy and not any(other.endswith(remedy) for other in closest):
-            words = f"{words.removesuffix(remedy)}the seam through the bust point costs that: take more panels"
-            words += " (cup.panels), or leave the seam where it is closest (condition.seam=closest)"
-        told.append(words)
-    return tuple(told)
+    blamed = _OF_DISTANCES - {other.code for other in closest}
+    return tuple(replace(told, remedy=_COSTS) if told.code in blamed else told for told in warnings)
 
 
 def judged(fit: CupFit, scan: Scan) -> CupFit:
@@ -130,22 +137,23 @@ def judged(fit: CupFit, scan: Scan) -> CupFit:
     """
     if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED):
         return fit
-    length, faults, warnings = polyline_length(scan.wire), [], []
+    length, faults, warnings = polyline_length(scan.wire), list[Remark](), list[Remark]()
     if scan.confidence is not None:
         fit = replace(fit, figures=fit.figures | {"landmark_confidence": scan.confidence.value})
-        warnings += [words] if (words := warning(scan.confidence, scan.origin.marks)) else []
+        doubts = warning(scan.confidence, scan.origin.marks)
+        warnings += [] if doubts is None else [doubts]
     if scan.own_wire is not None:
         told, far = chosen_wire(scan.origin.wire.removeprefix("size "), scan.own_wire)
-        warnings += [f"{told}: take that (scan.wire), or check the wire line with brafit-inspect"] if far else []
+        words = f"{told}: take that (scan.wire), or check the wire line with brafit-inspect"
+        warnings += [Remark("chosen_wire_far", words)] if far else []
     for key, value in measures(fit, scan).items():
         bound = BOUNDS[key]
         scale = 1.0 if key == "wire" else length
-        says = bound.sentence(f"{100 * value:.0f} %" if key in _SHARES else f"{scale * value:.1f} mm")
-        if not bound.is_possible(value):
-            faults.append(says)
-        elif not bound.is_usual(value):
-            warnings.append(says)
+        cause = bound.cause(f"{100 * value:.0f} %" if key in _SHARES else f"{scale * value:.1f} mm")
+        if not bound.is_usual(value):
+            beyond = warnings if bound.is_possible(value) else faults
+            beyond.append(Remark(code_of(key), cause, remedy=bound.remedy))
     if faults:
-        code = ResultCode.UNLIKE
-        return replace(fit, code=code, reason=f"{code.value}: {'. '.join(faults)}", warnings=(*fit.warnings, *warnings))
+        reason = f"{ResultCode.UNLIKE.value}: {'. '.join(map(str, faults))}"
+        fit = replace(fit, code=ResultCode.UNLIKE, reason=reason)
     return replace(fit, warnings=(*fit.warnings, *warnings))

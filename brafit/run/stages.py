@@ -162,8 +162,8 @@ def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell:
         ref.positions[k],
         loaded.name,
         result.row(),
-        (*cup.warnings, *result.patterns().warnings),
-        (*map(str, loaded.notes), *cup.notes),
+        tuple(map(str, (*cup.warnings, *result.patterns().warnings))),
+        tuple(map(str, (*loaded.notes, *cup.notes))),
         pictures=result.pictures() if drawn else {},
         mesh=result.mesh_view() if drawn else None,
     )

@@ -2,10 +2,8 @@
 
 from brafit.scan.discovery import find_scans, passed_over, scan_names
 from brafit.scan.load import Origin, Preparation, Scan, load_scan, load_sides
-from brafit.scan.notes import Note
 
 __all__ = [
-    "Note",
     "Origin",
     "Preparation",
     "Scan",

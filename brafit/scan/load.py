@@ -23,9 +23,10 @@ from brafit.landmarks.cup_frame import CupFrame
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
 from brafit.landmarks.plausibility import check_whole_wire
 from brafit.landmarks.units import MILLIMETRES, Units
+from brafit.remarks import Remark
 from brafit.scan.framed import Framed, framed
 from brafit.scan.marked import Marked, origin_of, with_marks
-from brafit.scan.notes import Note, notes_on
+from brafit.scan.notes import notes_on
 from brafit.scan.region import Gathered, Gathering
 from brafit.surface.cleaning import Cleaned, Cleaning, check_settings, finish
 from brafit.surface.cropping import facing, neckline_over
@@ -78,7 +79,7 @@ class Scan:
     dense: Float[np.ndarray, "d 3"]
     units: Units
     origin: Origin
-    notes: tuple[Note, ...] = ()
+    notes: tuple[Remark, ...] = ()
     assumed: Float[np.ndarray, "g 3"] = field(default_factory=lambda: np.empty((0, 3)))
     removed: Float[np.ndarray, "r 3"] = field(default_factory=lambda: np.empty((0, 3)))
     gap_share: float | None = None
@@ -344,7 +345,7 @@ def _scan(
     cleaned: Cleaned,
     found: Gaps | None,
     bridge: bool,
-    notes: tuple[Note, ...],
+    notes: tuple[Remark, ...],
 ) -> Scan:
     bare = np.empty((0, 3)) if found is None or not bridge else found.places
     return Scan(

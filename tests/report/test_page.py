@@ -19,6 +19,7 @@ from readers import MissingReaderError
 from brafit.fitting import CupFit, ResultCode, Target
 from brafit.landmarks import CupFrame
 from brafit.pattern import PatternOptions, Side
+from brafit.remarks import Remark
 from brafit.report.dimensions import MARKS
 from brafit.report.index import write_index
 from brafit.result import Result
@@ -68,7 +69,7 @@ def test_report_is_one_small_file_that_asks_for_nothing(tmp_path):
 
 def test_report_says_what_was_measured_given_and_guessed(tmp_path):
     made = result('a <b> & "c"', material_width=10.0)
-    made = replace(made, fit=replace(made.fit, warnings=("the fit was not sure",)))
+    made = replace(made, fit=replace(made.fit, warnings=(Remark("unsure", "the fit was not sure"),)))
     made.save(tmp_path)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<h1>a &lt;b&gt; &amp; &quot;c&quot;</h1>" in text
@@ -159,10 +160,10 @@ def test_index_sorts_in_a_browser(tmp_path):
 
 def test_index_shows_and_sorts_warnings(tmp_path):
     made = {"a": result("a"), "b": result("b", material_width=10.0), "c": result("c")}
-    made["c"] = replace(made["c"], fit=replace(made["c"].fit, warnings=("the <fit> was not sure",)))
+    made["c"] = replace(made["c"], fit=replace(made["c"].fit, warnings=(Remark("unsure", "the <fit> was not sure"),)))
     for name, one in made.items():
         one.save(tmp_path / name)
-    warnings = [(*one.fit.warnings, *one.patterns().warnings) for one in made.values()]
+    warnings = [[*map(str, (*one.fit.warnings, *one.patterns().warnings))] for one in made.values()]
     write_index(tmp_path / "index.html", [one.row() for one in made.values()], warnings)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "2 with warnings" in text

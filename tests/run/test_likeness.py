@@ -13,9 +13,10 @@ import brafit
 from brafit.anatomy.confidence import Confidence
 from brafit.errors import InputError
 from brafit.fitting import CupFit, ResultCode
+from brafit.remarks import Remark
 from brafit.report.row import fitted_row
 from brafit.run.fitting import fitted, target_of
-from brafit.run.likeness import BOUNDS, judged, measures, seam_blamed
+from brafit.run.likeness import BOUNDS, code_of, judged, measures, seam_blamed
 from brafit.run.recipe import Recipe, recipe_of
 from brafit.samples import sample_paths
 from brafit.scan import Scan, load_scan
@@ -50,14 +51,14 @@ def test_a_breasts_cup_is_a_likeness_of_it(fit: CupFit, scan: Scan) -> None:
 
 
 def test_a_wire_of_a_size_far_from_the_own_wire_is_warned_of(fit: CupFit, scan: Scan) -> None:
-    def warned(size: str) -> list[str]:
+    def warned(size: str) -> list[Remark]:
         laid = replace(scan, origin=replace(scan.origin, wire=f"size {size}"), own_wire=scan.wire)
-        return [line for line in judged(fit, laid).warnings if "own wire line" in line]
+        return [told for told in judged(fit, laid).warnings if told.code == "chosen_wire_far"]
 
     near = str(nearest_wire(scan.wire).wire.name)
     assert not warned(near)
     (told,) = warned("orange:52")
-    assert f"nearest to that, of those sold, is {near}" in told
+    assert f"nearest to that, of those sold, is {near}" in told.text
 
 
 @pytest.mark.parametrize("key", BOUNDS)
@@ -85,8 +86,8 @@ def test_what_is_unusual_is_warned_of_and_what_is_impossible_fails(fit: CupFit, 
     usual, possible = BOUNDS[key].usual, BOUNDS[key].possible
     warned = judged(*with_value(1.2 * usual[1]))
     assert warned.code is fit.code
-    new = [w for w in warned.warnings if w not in fit.warnings]
-    assert any(BOUNDS[key].remedy in w for w in new)
+    (new,) = (told for told in warned.warnings if told.code == code_of(key))
+    assert new.remedy == BOUNDS[key].remedy
     if np.isfinite(possible[1]):
         failed = judged(*with_value(1.2 * possible[1]))
         assert failed.code is ResultCode.UNLIKE
@@ -127,17 +128,16 @@ def test_assumed_places_count_in_no_figure_and_no_warning(recipe: Recipe) -> Non
     assert fit.figures["max_mm"] == pytest.approx(np.abs(fit.distances).max())
     assert (fit.shape.distances(torch.as_tensor(places)).abs() > 5).double().mean() > 0.5
     assert (np.abs(fit.distances) > 5).mean() < 0.05
-    assert not [warning for warning in fit.warnings if "of the points are more than" in warning]
+    assert "far_points" not in {told.code for told in fit.warnings}
     # what the steps tell on the way is of the scan's own points too
     assert seen[-1].terms["rms_mm"][0].item() == pytest.approx(fit.figures["rms_mm"], rel=0.05)
 
 
 def test_a_seam_that_costs_much_is_named_as_the_cause():
     """Else the user would look for strays in a good scan."""
-    far, other = BOUNDS["rms"].sentence("10.9 mm"), BOUNDS["wire"].sentence("400.0 mm")
+    far, other = (Remark(code_of(key), "it is so", remedy=BOUNDS[key].remedy) for key in ("rms", "wire"))
     (told, kept) = seam_blamed([far, other], [other])
-    assert told.startswith("the cup is far from the points: RMS 10.9 mm; ")
-    assert "condition.seam=closest" in told
-    assert BOUNDS["rms"].remedy not in told
+    assert (told.code, told.text) == (far.code, far.text)
+    assert "condition.seam=closest" in told.remedy
     assert kept == other
     assert seam_blamed([far], [far]) == (far,)  # the closest cup is as far
