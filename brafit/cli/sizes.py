@@ -54,6 +54,7 @@ def _run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from brafit.run.folder import make_writable
+    from brafit.sizing.cloth import check_thickness, cloth_notes
     from brafit.sizing.stored import fit_folders, read_fits, surfaces_of
 
     if options.sizes < 1:
@@ -74,8 +75,10 @@ def _run(options: argparse.Namespace) -> int:
         fits, surfaces = surfaces_of(fits, refuse, bar.update)
     if len(fits) < options.sizes:
         raise ConfigError(f"--sizes {options.sizes}: there are {len(fits)} good fits; ask for as many sizes or fewer")
+    check_thickness(fits)
     notes = [f"{failed} scans whose fit failed are left out"] * bool(failed)
     notes += [f"{len(refused)} folders cannot be used and are left out"] * bool(refused)
+    notes += cloth_notes(fits)
     print("\n".join([*notes, *_written(options, fits, surfaces, notes)]))
     return SOME_FAILED if refused else ALL_OK
 

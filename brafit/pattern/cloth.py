@@ -51,6 +51,12 @@ def cloth_words(options: PatternOptions) -> list[str]:
     return words
 
 
+def ease_words(options: PatternOptions) -> str:
+    """What labels say of the ease."""
+    ease = ", ".join(f"{way} {value:+g} %" for way, value in options.ease.items() if value)
+    return f"ease {ease}" if ease else "no ease"
+
+
 def reshaped(options: PatternOptions) -> bool:
     """Whether pieces are cut to other sizes than they have when worn, for ease or stretch."""
     return any(options.ease.values()) or any(reductions(options))

@@ -14,7 +14,7 @@ from shapely import LineString, Point, Polygon
 
 from brafit.pattern.allowance import Ring, cut_outlines, signed_area, valid_polygon
 from brafit.pattern.caption import place_captions
-from brafit.pattern.cloth import as_cut, cloth_words, reshaped, unequal
+from brafit.pattern.cloth import as_cut, cloth_words, ease_words, reshaped, unequal
 from brafit.pattern.curve import Curve, closed, curves_through, enclosed_area
 from brafit.pattern.grain import grain_angle, grain_line, grain_name, too_wide
 from brafit.pattern.label import Caption, Label, Sight, place_label
@@ -357,11 +357,10 @@ def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number:
     same = len(set(allowances.values())) == 1
     allowance = next(iter(allowances.values())) if same else ", ".join(f"{k} {v}" for k, v in allowances.items())
     casing = options.wire["casing"] if "wire" in kinds else 0.0
-    ease = ", ".join(f"{way} {value:+g} %" for way, value in options.ease.items() if value)
     needed = [piece.name, number, name, f"{side} cup", options.size and f"size {options.size}"]
     needed += [f"cut {options.quantity}"]  # of a pair both sides are drawn, and each says so for itself
     needed += [f"allowance {allowance}", *cloth_words(options)]
-    further = [f"casing {options.length(casing)} more" if casing else "", f"ease {ease}" if ease else "no ease", date]
+    further = [f"casing {options.length(casing)} more" if casing else "", ease_words(options), date]
     return _told(needed), _told(further)
 
 

@@ -40,6 +40,16 @@ MARKS = "apex mark to strap point mark (straight)"
 """Its one dimension that is of the scan's marks: the cup may pass beside them."""
 
 
+def measured_on(part: str, name: str) -> str:
+    """`as cut` for a dimension of the pieces, `as worn` for one of the cup: ease and stretch make the two differ.
+
+    Args:
+        part: of the dimension.
+        name: likewise.
+    """
+    return "as worn" if part in (CUP, SURFACE) and name != PANELS_AREA else "as cut"
+
+
 def dimensions(
     fit: Fitted,
     pattern: Pattern,

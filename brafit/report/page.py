@@ -21,7 +21,7 @@ from brafit.pattern.finish import Pattern
 from brafit.pattern.piece import Piece, Side
 from brafit.report.band import Deviation, band_svg, magnification
 from brafit.report.colour import DIVERGING, PANELS, distance_colours, distance_limit
-from brafit.report.dimensions import CUP, PANELS_AREA, SURFACE, Dimension
+from brafit.report.dimensions import Dimension, measured_on
 from brafit.report.html import MEANINGS, asset, link, number, page, short, text
 from brafit.report.paper import PaperPanel
 
@@ -185,7 +185,8 @@ def _dimension_table(dimensions: Sequence[Dimension], pattern: Pattern) -> str:
     for d in dimensions:
         first = _named_part(d.part, pattern) if d.part != part else ""
         part = d.part
-        cut = ", as cut" * (pattern.reshaped and d.name == PANELS_AREA)
+        own = measured_on(d.part, d.name)
+        cut = f", {own}" * (pattern.reshaped and own != measured_on(d.part, ""))
         value = pattern.options.length(d.value) if d.unit == "mm" else f"{d.value:.1f} cm²"
         doubt = "" if d.sd is None else _doubt(d, pattern)
         cells = f'<td>{text(d.name)}{cut}</td><td class="number">{value}</td><td class="number soft">{doubt}</td>'
@@ -200,7 +201,7 @@ def _named_part(part: str, pattern: Pattern) -> str:
     """A part's name and, where ease or stretch makes the two differ, whether its measures are as cut or as worn."""
     if not pattern.reshaped:
         return part
-    return f"{part} ({'as worn' if part in (CUP, SURFACE) else 'as cut'})"
+    return f"{part} ({measured_on(part, '')})"
 
 
 def _nearest_wire(row: Mapping[str, Any], pattern: Pattern) -> str:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from brafit.cup.shape import CupShape
+from brafit.report.dimensions import measured_on
 from brafit.sizing.service import NEAR, Sizes, Worn, worn
 from brafit.sizing.stored import StoredFit
 
@@ -93,11 +94,12 @@ def member_rows(found: Sizes, fits: Sequence[StoredFit], gap: Sequence[Worn]) ->
 
 
 def graded_rows(found: Sizes, fits: Sequence[StoredFit]) -> list[dict[str, Any]]:
-    """A row for each finished dimension (part, name, unit), with its value in each size."""
+    """A row for each finished dimension (part, name, unit, as cut or as worn), with its value in each size."""
     names = size_names(len(found.medoids))
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     for name, member in zip(names, found.medoids, strict=True):
         for part, what, value, unit, *_ in fits[member].dimensions:
-            row = rows.setdefault((part, what), {"part": part, "dimension": what, "unit": unit} | dict.fromkeys(names))
+            head = {"part": part, "dimension": what, "unit": unit, "measured": measured_on(part, what)}
+            row = rows.setdefault((part, what), head | dict.fromkeys(names))
             row[name] = value
     return list(rows.values())

@@ -173,6 +173,11 @@ def _made(settings: str) -> tuple[Callable[..., Cup], PatternOptions]:
     return maker_of(groups["cup"]), made(groups["pattern"], "pattern")
 
 
+def options_of(fit: StoredFit) -> PatternOptions:
+    """How the patterns of a fit were finished."""
+    return _made(fit.settings)[1]
+
+
 def _cup(fits: Sequence[StoredFit], **more: Any) -> Cup:
     """The cups of fits that share their settings."""
     terms = max(len(fit.series) for fit in fits)
@@ -254,5 +259,5 @@ def pattern_of(fit: StoredFit, name: str, pair: bool = False) -> Pattern:
     panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
     apex = fit.marks["apex"] if "apex" in fit.marks else deepest_point(shape)
     pieces = pieces_from_panels(panels, "left", marks_on(shape, apex, fit.marks.get("strap_point")))
-    options = replace(_made(fit.settings)[1], size=name, pair=pair)
+    options = replace(options_of(fit), size=name, pair=pair)
     return finish(pieces, options, name=name, side="left", date="", figures=dict(fit.figures))

@@ -14,6 +14,7 @@ from populations import made_cup, write_fit, write_population
 
 import brafit
 from brafit.cli import nest, sizes
+from brafit.report.dimensions import PANELS_AREA
 from brafit.samples import sample_paths
 from brafit.sizing.stored import pattern_of, shape_of, stored_fit
 
@@ -105,6 +106,62 @@ def test_what_cannot_be_used_is_said_in_a_line_and_the_rest_goes_on(population, 
     assert len([line for line in said.err.splitlines() if line.startswith("failed: ")]) == 3
     layers = [layer.dxf.name for layer in readfile(tmp_path / "nest" / "patterns.dxf").layers]
     assert sum(name.endswith("_SEW") for name in layers) == 11
+
+
+def for_cloth(folder: Path, **cloth: float) -> None:
+    """A scan's folder as if its fit had been made for other cloth."""
+    content = json.loads((folder / "fit.json").read_text())
+    content["settings"]["pattern"]["cloth"] = {"thickness": 0.0, "stretch": 0.0, "stretch_across": 0.0} | cloth
+    (folder / "fit.json").write_text(json.dumps(content))
+
+
+def test_cups_of_other_thickness_are_refused(population, tmp_path: Path, capsys):
+    """Alone they would be good: of one thickness a population may be fitted."""
+    results = tmp_path / "results"
+    shutil.copytree(population[0], results)
+    names = sorted(folder.name for folder in results.iterdir())
+    for name in names[3:5]:
+        for_cloth(results / name, thickness=5.0)
+    assert run(sizes, results, "--sizes", 3, "--out", tmp_path / "out") == 2
+    said = capsys.readouterr().err
+    assert f"{names[3]}/fit.json: its cup is for material 5 mm thick" in said
+    assert "like 2 of 15, and 13 are for 0 mm" in said
+    assert run(sizes, *(results / name for name in names[3:5]), "--sizes", 2, "--out", tmp_path / "out") == 0
+
+
+def test_pieces_for_other_stretch_are_told(population, tmp_path: Path, capsys):
+    results = tmp_path / "results"
+    shutil.copytree(population[0], results)
+    assert run(sizes, results, "--sizes", 3, "--out", tmp_path / "out") == 0
+    assert "stretch" not in capsys.readouterr().out
+    for_cloth(min(results.iterdir()), stretch=20.0)
+    assert run(sizes, results, "--sizes", 3, "--out", tmp_path / "out") == 0
+    (told,) = (line for line in capsys.readouterr().out.splitlines() if "different stretch or ease" in line)
+    assert "stretch 20 % along grain: 16.7 % less, no ease: 1)" in told
+    assert "different stretch or ease" in (tmp_path / "out" / "index.html").read_text()
+
+
+def test_finished_dimensions_say_whether_they_are_as_cut_or_as_worn(tmp_path: Path):
+    write_fit(
+        tmp_path / "fits" / "one",
+        *made_cup(60.0, 1.0),
+        pattern={
+            "dimensions": [
+                ["lower panel", "ridge", 200.0, "mm", None],
+                ["cup", "depth of the cup", 50.0, "mm", None],
+                ["cup", PANELS_AREA, 200.0, "cm2", None],
+                ["over the surface", "wire line", 200.0, "mm", None],
+            ]
+        },
+    )
+    assert run(sizes, tmp_path / "fits", "--sizes", 1, "--out", tmp_path / "out") == 0
+    assert [row["measured"] for row in table(tmp_path / "out" / "graded.csv")] == [
+        "as cut",
+        "as worn",
+        "as cut",
+        "as worn",
+    ]
+    assert "<th>measured</th>" in (tmp_path / "out" / "index.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,49 @@
+"""What sizes owe to the cloth that their fits were made for: cups that may be compared, pieces that are cut alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from brafit.errors import InputError
+from brafit.pattern import PatternOptions
+from brafit.pattern.cloth import cloth_words, ease_words
+from brafit.sizing.stored import StoredFit, options_of
+
+
+def check_thickness(fits: Sequence[StoredFit]) -> None:
+    """Refuse cups of which some were fitted for thicker material than others.
+
+    Args:
+        fits: whose cups can be made again.
+
+    Raises:
+        InputError: those that are fewest, the first of them named.
+    """
+    found = _by(fits, lambda options: f"{options.cloth['thickness']:g}")
+    if len(found) < 2:
+        return
+    (usual, most), (other, few) = found[0], found[-1]
+    cause = (
+        f"its cup is for material {other} mm thick (pattern.cloth.thickness), like {len(few)} of {len(fits)}, and "
+        f"{len(most)} are for {usual} mm: a cup is the middle of its material, so they lie at different distances from "
+        "the skin and cannot be compared"
+    )
+    remedy = "Name folders of one thickness, or fit those scans anew with the other's"
+    raise InputError(few[0].folder / "fit.json", cause, remedy)
+
+
+def cloth_notes(fits: Sequence[StoredFit]) -> list[str]:
+    """What to say where pieces of some fits are cut for other stretch or ease than those of others; nothing else."""
+    found = _by(fits, lambda options: ", ".join((*cloth_words(options), ease_words(options))))
+    if len(found) < 2:
+        return []
+    told = "; ".join(f"{words}: {len(own)}" for words, own in found)
+    return [f"pieces are cut for different stretch or ease, and dimensions as cut differ by that too (fits: {told})"]
+
+
+def _by(fits: Sequence[StoredFit], about: Callable[[PatternOptions], str]) -> list[tuple[str, list[StoredFit]]]:
+    """The fits by something that their options say, what most of them say first."""
+    groups: dict[str, list[StoredFit]] = {}
+    for fit in fits:
+        groups.setdefault(about(options_of(fit)), []).append(fit)
+    return sorted(groups.items(), key=lambda group: -len(group[1]))
