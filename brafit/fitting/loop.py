@@ -78,6 +78,7 @@ class CupFit:
         conditions: of each condition of another kind (`Conditions.extra`) what was measured, by its name.
         notes: what was found out by fitting, such as what one more panel would bring.
         choice: the same as numbers, for fit.json.
+        uncovered_share: share of the cup without data near it (`brafit.report.uncovered`); nan: nobody measured it.
     """
 
     name: str
@@ -95,6 +96,7 @@ class CupFit:
     conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     notes: tuple[Remark, ...] = ()
     choice: Mapping[str, Any] = field(default_factory=dict)
+    uncovered_share: float = float("nan")
 
 
 def fit_targets(

@@ -15,7 +15,7 @@ REACH = 5.0
 
 
 def uncovered_share(shape: CupShape, points: Float[np.ndarray, "n 3"], reach: float = REACH) -> float:
-    """Share of a cup's area that has no point within `reach`.
+    """Share of a cup's area that has no point within `reach`; nan for a cup that is none.
 
     Args:
         shape: one cup (no batch dimension), mm.
@@ -23,6 +23,8 @@ def uncovered_share(shape: CupShape, points: Float[np.ndarray, "n 3"], reach: fl
         reach: mm.
     """
     edges = shape.edges.detach().cpu().double().numpy()
+    if not np.isfinite(edges).all():
+        return float("nan")
     u = (np.arange(40) + 0.5)[:, None, None] / 40
     places, areas = [], []
     for lower, upper in itertools.pairwise(edges):

@@ -60,10 +60,11 @@ def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callable[[Step], Non
 
     fits = chosen(recipe, len(scans), some)
     words = "no bust point is marked: the seam runs through the scan's point farthest from the chest"
-    return [
-        replace(fit, notes=(*fit.notes, Remark("bust_point_guessed", words, fit.name))) if guess else fit
-        for fit, guess in zip(fits, guessed, strict=True)
-    ]
+    found = []
+    for fit, scan, guess in zip(fits, scans, guessed, strict=True):
+        notes = (*fit.notes, Remark("bust_point_guessed", words, fit.name)) if guess else fit.notes
+        found.append(replace(fit, notes=notes, uncovered_share=uncovered_share(fit.shape, scan.dense)))
+    return found
 
 
 def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
@@ -71,8 +72,8 @@ def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
 
     Args:
         recipe: patterns, names and settings.
-        scan: as it was fitted.
-        fit: its cup.
+        scan: as it was loaded.
+        fit: its cup, of `fitted`.
     """
     turned = ", from its outer end: turned" * scan.origin.wire_turned
     sources = {
@@ -88,7 +89,7 @@ def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
         words[0] += f": the cup is its middle, {recipe.pattern.length(thickness / 2)} outside of the skin"
     sources |= {"cloth": "; ".join(words)} if words else {}
     side: Side = "right" if scan.side == "right" else "left"
-    facts = scan_facts(scan, fit, middle_of(scan, thickness)) | {"settings": recipe.settings}
+    facts = scan_facts(scan, fit) | {"settings": recipe.settings}
     return Result(fit, _unweighted(scan), side, scan.frame, recipe.pattern, sources, recipe.model, facts)
 
 
@@ -96,15 +97,15 @@ def _thickness(recipe: Recipe) -> float:
     return recipe.pattern.cloth["thickness"]
 
 
-def scan_facts(scan: Scan, fit: CupFit, middle: Scan) -> dict[str, Any]:
-    """What became of the scan before the fit, and how much of the cup has no data. `middle`: what was fitted."""
+def scan_facts(scan: Scan, fit: CupFit) -> dict[str, Any]:
+    """What became of the scan before the fit, and how much of the cup has no data."""
     return {
         "cleaning": asdict(scan.cleaning),
         "units": asdict(scan.units),
         "origin": asdict(scan.origin),
         "notes": [str(note) for note in (*scan.notes, *fit.notes)],
         "note_codes": [note.code for note in (*scan.notes, *fit.notes)],
-        "uncovered_share": uncovered_share(fit.shape, middle.dense),
+        "uncovered_share": fit.uncovered_share,
         "assumed_points": len(scan.assumed),
         "landmarks": {
             "wire_points": len(scan.wire),

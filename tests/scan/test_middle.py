@@ -11,6 +11,7 @@ import torch
 
 from brafit.cloud.read import Cloud
 from brafit.landmarks import Landmarks
+from brafit.report.uncovered import uncovered_share
 from brafit.result import Result
 from brafit.run.fitting import fitted, result_of
 from brafit.run.recipe import recipe_of
@@ -86,6 +87,8 @@ def test_result_says_what_the_cup_is_made_of(fits):
     assert all("cloth 4.0 mm thick" in (*p.label.lines, *p.label.left_out) for p in thick.patterns().pieces)
     away = np.linalg.norm(thick.target.points - MIDDLE, axis=1)
     np.testing.assert_allclose(away, RADIUS, atol=0.1)  # points stay on the skin, where they were seen
+    middle = middle_of(ball(), THICKNESS).dense  # data count where the cup is, which is half the thickness outside
+    assert thick.facts["uncovered_share"] == uncovered_share(thick.shape, middle)
 
 
 @pytest.mark.parametrize("path", sample_paths(), ids=lambda path: path.stem)
