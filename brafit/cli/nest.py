@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from brafit.cli.ending import end_with
+from brafit.cli.nesting import nesting_arguments
 from brafit.cli.status import ALL_OK, SOME_FAILED
 from brafit.errors import BrafitError, ConfigError
 from brafit.naming import shown
@@ -24,13 +25,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from brafit.sizing.nest import ALIGNS
-
-    parser = argparse.ArgumentParser(prog="brafit-nest", description=(__doc__ or "").split("\n\n")[1])
-    parser.add_argument("results", nargs="+", metavar="RESULTS", help="folders of runs, or of scans in them")
+    description = (__doc__ or "").split("\n\n")[1]
+    parser = argparse.ArgumentParser(prog="brafit-nest", description=description, parents=[nesting_arguments()])
     parser.add_argument("--out", type=Path, default=Path("nest"), help="folder of patterns.svg, .dxf and .pdf (nest)")
-    parser.add_argument("--align", choices=ALIGNS, default="apex", help="what lies on one point; none: side by side")
-    parser.add_argument("--pair", action="store_true", help="draw the mirrored pieces, for the right breast, as well")
     return parser
 
 

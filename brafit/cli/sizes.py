@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brafit.cli.ending import end_with
+from brafit.cli.nesting import nesting_arguments
 from brafit.cli.status import ALL_OK, SOME_FAILED
 from brafit.errors import BrafitError, ConfigError
 from brafit.naming import shown
@@ -39,14 +40,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from brafit.sizing.nest import ALIGNS
-
-    parser = argparse.ArgumentParser(prog="brafit-sizes", description=(__doc__ or "").split("\n\n")[1])
-    parser.add_argument("results", nargs="+", metavar="RESULTS", help="folders of runs, or of scans in them")
+    description = (__doc__ or "").split("\n\n")[1]
+    parser = argparse.ArgumentParser(prog="brafit-sizes", description=description, parents=[nesting_arguments()])
     parser.add_argument("--sizes", type=int, default=8, help="how many (8)")
     parser.add_argument("--out", type=Path, default=Path("sizes"), help="folder of the results (sizes)")
-    parser.add_argument("--align", choices=ALIGNS, default="apex", help="what lies on one point in the nest (apex)")
-    parser.add_argument("--pair", action="store_true", help="draw the mirrored pieces, for the right breast, as well")
     return parser
 
 
