@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -20,7 +22,13 @@ LINE = 1.3
 """Distance of the lines of a label, in heights of its letters."""
 _LETTER, _BOLD_LETTER = 0.62, 0.7
 """Width of a letter of a sans-serif face at most on average, in its height."""
-_LARGEST, _READABLE, _SMALLEST = 5.0, 2.5, 1.7
+_LARGEST, _READABLE, _SMALL = 5.0, 2.5, 1.7
+"""Heights in mm of a label's letters: the largest, one that is read at a glance, and one that needs good light."""
+_HEIGHTS = _SMALL * 1.05 ** np.arange(-4, int(np.log(_LARGEST / _SMALL) / np.log(1.05)) + 1)
+"""Those that are tried. The least, 1.4 mm or 4 points, is what printers just draw legibly; it is taken before anything
+that a cutter needs is left out."""
+_ROWS = 6
+"""Most lines that those of a narrow piece's label are joined to."""
 _CLEAR = 0.8
 """Distance in mm that texts keep from lines, all but a hundredth."""
 LEVEL = np.array((1.0, 0.0))
@@ -172,7 +180,7 @@ def place_label(
     """The label where its letters are largest: on the piece or, where not even its first line has room, below it.
 
     On a narrow piece warnings are shortened and lines are joined and turned. Where that does not do, lines are left
-    out, from the last.
+    out, from the last; those that a cutter needs only where they do not fit in the smallest letters.
 
     Args:
         sight: where there is room; takes what is placed.
@@ -186,7 +194,8 @@ def place_label(
     fewer = [(lines[:count], told[-1]) for count in (essential, _NAMES, 1)] + [(lines[:1], notices[-1])]
     best = Label(lines, notices[0], np.zeros(2), LEVEL, 0.0)
     for kept, notice in dict.fromkeys([*((lines, notice) for notice in told), *fewer]):
-        least = _READABLE if kept == lines and notice in told[:2] else _SMALLEST
+        needed = len(kept) >= len(lines[:essential])
+        least = _READABLE if kept == lines and notice in told[:2] else _SMALL if needed else _HEIGHTS[0]
         if best.size >= least:
             break
         left_out = lines[len(kept) :] + (notices[0] if notice != notices[0] else ())
@@ -210,19 +219,16 @@ def _largest(
 ) -> Label:
     """The best label so far or, if that is plainly larger, one of these lines: level or, if that is too small to read,
     joined and turned."""
-    tried = _placed(room, sight, lines, notice, LEVEL, left_out)
-    best = tried if tried.size > 1.02 * best.size else best
-    for count in (2, 3, 8) if best.size < _READABLE else ():
-        joined = tuple(", ".join(lines[i : i + count]) for i in range(0, len(lines), count))
+    best = _larger(best, room, sight, lines, notice, LEVEL, left_out)
+    for rows in _joined(lines) if best.size < _READABLE else ():
         for angle in (0, 90, 30, -30, 60, -60, 15, -15):
             along = np.array((math.cos(math.radians(angle)), math.sin(math.radians(angle))))
-            tried = _placed(room, sight, joined, notice, along, left_out)
-            if tried.size > 1.02 * best.size:
-                best = tried
+            best = _larger(best, room, sight, rows, notice, along, left_out)
     return best
 
 
-def _placed(
+def _larger(
+    best: Label,
     room: BaseGeometry,
     sight: Sight,
     lines: tuple[str, ...],
@@ -230,15 +236,33 @@ def _placed(
     along: Float[ndarray, "2"],
     left_out: tuple[str, ...],
 ) -> Label:
-    """A label where it is largest; size 0 where it finds no place."""
-    at, size = _roomiest(room, sight.inside, along, lines, notice)
-    return Label(lines, notice, at, along, size, left_out)
+    """A label where it is largest, or the best so far, unless that is plainly smaller."""
+    at, size = _roomiest(room, sight.inside, along, lines, notice, 1.02 * best.size)
+    return Label(lines, notice, at, along, size, left_out) if size > 0 else best
+
+
+@lru_cache(maxsize=64)
+def _joined(lines: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+    """The lines joined to one, to two and to more, each time so that the longest is as short as can be."""
+    widths = np.array([text_width(f"{words}, ", 1.0) for words in lines])
+    ends = np.concatenate(([0.0], widths.cumsum()))
+    found = []
+    for count in range(1, min(_ROWS, len(lines) - 1) + 1):
+        ways = ((0, *cuts, len(lines)) for cuts in itertools.combinations(range(1, len(lines)), count - 1))
+        best = min(ways, key=lambda way: max(ends[b] - ends[a] for a, b in itertools.pairwise(way)))
+        found.append(tuple(", ".join(lines[a:b]) for a, b in itertools.pairwise(best)))
+    return tuple(found)
 
 
 def _roomiest(
-    room: BaseGeometry, inside: Polygon, along: Float[ndarray, "2"], lines: Sequence[str], notice: Sequence[str]
+    room: BaseGeometry,
+    inside: Polygon,
+    along: Float[ndarray, "2"],
+    lines: Sequence[str],
+    notice: Sequence[str],
+    above: float = 0.0,
 ) -> tuple[Float[ndarray, "2"], float]:
-    """Middle and height of the letters of lines of text, as large as fits; height 0: too small to read.
+    """Middle and height of the letters of lines of text, as large as fits; height 0: too small.
 
     Args:
         room: prepared; where the text may be.
@@ -246,6 +270,7 @@ def _roomiest(
         along: the direction of the lines.
         lines: of the label.
         notice: lines of warnings below them.
+        above: what the height must exceed, mm, besides being one that can be read.
     """
     turn = np.stack((along, (-along[1], along[0])))
     outline = shapely.get_coordinates(inside) @ turn.T
@@ -255,8 +280,8 @@ def _roomiest(
     if room.area > 0:
         radius = shapely.maximum_inscribed_circle(room, tolerance=1.0)  # type: ignore[arg-type]
         centres = np.vstack((shapely.get_coordinates(radius)[:1], centres))
-    sizes = _SMALLEST * 1.05 ** np.arange(int(np.log(_LARGEST / _SMALLEST) / np.log(1.05)) + 1)
     extent = np.array(_extent(lines, notice, 1.0))
+    sizes = _HEIGHTS[above < _HEIGHTS]
 
     def fits(size: float) -> Bool[ndarray, " n"]:
         return np.asarray(shapely.contains(room, polygons(box_corners(centres, along[None], *(size * extent)))))
@@ -264,7 +289,7 @@ def _roomiest(
     # a text that fits fits smaller as well: the largest size that fits somewhere by bisection
     fit, at, least, most = 0.0, centres[0], 0, len(sizes)
     while least < most:
-        k = (least + most) // 2
+        k = (least + most) // 2 if fit else least
         found = fits(sizes[k])
         if found.any():
             fit, centres, least = float(sizes[k]), centres[found], k + 1

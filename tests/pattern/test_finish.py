@@ -308,7 +308,7 @@ def test_labels_stay_on_their_piece_with_cloth_and_warnings(panels, scale):
         everything = " ".join((*label.lines, *label.left_out, *label.notice))
         assert all(words in everything for words in ("cut 1", "allowance", "cloth 3.0 mm thick", "stretch 20 %"))
         assert all(words in " ".join((*label.left_out, *label.notice)) for words in map(str, piece.warnings))
-        if scale == 1.0:
+        if scale == 1.0 or (panels == 3 and scale == 0.6):  # small letters, before anything of it is left out
             assert all(words in " ".join(label.lines) for words in ("cut 1", "allowance", "cloth 3.0", "stretch 20"))
 
 
