@@ -1,4 +1,4 @@
-"""Developable panels between two edges: rib angle, rates, twist, regularity: (11)-(19) and (66)
+"""Developable panels between two edges: rib angle, twist, regularity: (11)-(18) and (66)
 of docs/formulation.md.
 
 Along an edge: T the unit tangent (zeta), d the unit ruling direction, xi the unit vector across the panel in its
@@ -67,12 +67,6 @@ def rib_angle(tangent: Vectors, direction: Vectors) -> Values:
     return -torch.asin(dot(unit(tangent), direction).clamp(-1, 1))
 
 
-def rib_angle_from_omega(omega: Vectors) -> Values:
-    """alpha with tan(alpha) = -omega_zeta / omega_xi, (12), in (-pi/2, pi/2)."""
-    xi, _, zeta = omega.unbind(-1)
-    return torch.atan2(-zeta * torch.sign(xi), xi.abs())
-
-
 def across(tangent: Vectors, direction: Vectors) -> Vectors:
     """xi: the unit vector in the panel's tangent plane at right angles to the edge, on the panel's side.
 
@@ -92,20 +86,6 @@ def normals(tangent: Vectors, direction: Vectors) -> Vectors:
         direction: unit ruling directions.
     """
     return unit(torch.linalg.cross(tangent, direction))
-
-
-def omega_from_edge(tangent: Vectors, curvature: Vectors, direction: Vectors) -> Vectors:
-    """Rates omega of the Darboux frame along an edge whose panel's rulings are `direction`, (19).
-
-    Args:
-        tangent: edge tangents (any length).
-        curvature: curvature vector of the edge, d zeta / d arc length.
-        direction: unit ruling directions.
-    """
-    zeta = unit(tangent)
-    alpha = rib_angle(tangent, direction)
-    bend = dot(torch.linalg.cross(curvature, zeta), direction) / torch.cos(alpha)
-    return torch.stack((-bend, dot(curvature, direction) / torch.cos(alpha), bend * torch.tan(alpha)), dim=-1)
 
 
 def geodesic_curvature(tangent: Vectors, curvature: Vectors, direction: Vectors) -> Values:

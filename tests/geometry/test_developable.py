@@ -7,14 +7,15 @@ import torch
 from surfaces import LENSES, Panel, cone, panel, stations
 
 from brafit.geometry.developable import (
+    Values,
+    Vectors,
     across,
     curvature_vector,
+    dot,
     geodesic_curvature,
     normals,
-    omega_from_edge,
     regularity,
     rib_angle,
-    rib_angle_from_omega,
     rulings,
     twist_angle,
     twist_determinant,
@@ -29,6 +30,26 @@ def exact(request: pytest.FixtureRequest) -> Panel:
 
 def close(a: torch.Tensor, b: torch.Tensor, atol: float = 1e-12) -> None:
     torch.testing.assert_close(a, b, rtol=0, atol=atol)
+
+
+def rib_angle_from_omega(omega: Vectors) -> Values:
+    """alpha with tan(alpha) = -omega_zeta / omega_xi, (12), in (-pi/2, pi/2)."""
+    xi, _, zeta = omega.unbind(-1)
+    return torch.atan2(-zeta * torch.sign(xi), xi.abs())
+
+
+def omega_from_edge(tangent: Vectors, curvature: Vectors, direction: Vectors) -> Vectors:
+    """Rates omega of the Darboux frame along an edge whose panel's rulings are `direction`, (19).
+
+    Args:
+        tangent: edge tangents (any length).
+        curvature: curvature vector of the edge, d zeta / d arc length.
+        direction: unit ruling directions.
+    """
+    zeta = unit(tangent)
+    alpha = rib_angle(tangent, direction)
+    bend = dot(torch.linalg.cross(curvature, zeta), direction) / torch.cos(alpha)
+    return torch.stack((-bend, dot(curvature, direction) / torch.cos(alpha), bend * torch.tan(alpha)), dim=-1)
 
 
 def test_rulings_with_their_limits_at_the_ends(exact):
