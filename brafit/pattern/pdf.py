@@ -42,26 +42,13 @@ def write_pdf_sheet(path: str | Path, patterns: Sequence[Pattern], title: str, n
 
 
 def write_pdf_projector(path: str | Path, patterns: Sequence[Pattern], title: str, note: str = "") -> None:
-    """Write the single page of `write_pdf_sheet` with lines that a projector shows well.
-
-    Args:
-        path: the file; missing folders are made, and it is never there in part.
-        patterns: side by side if there are several.
-        title: usually the scan's name; any text.
-        note: a second line, such as the cup's side and model.
-    """
+    """Write the single page of `write_pdf_sheet` with lines that a projector shows well; with its arguments."""
     write_pages(path, [sheet_page(patterns, title, note)], title, _BOLD)
 
 
 def write_pdf_tiles(path: str | Path, patterns: Sequence[Pattern], title: str, note: str = "") -> None:
-    """Write patterns at true size onto pages of `pattern.paper`, see `brafit.pattern.pages`.
-
-    Args:
-        path: the file; missing folders are made, and it is never there in part.
-        patterns: side by side if there are several.
-        title: usually the scan's name; any text.
-        note: a second line, such as the cup's side and model.
-    """
+    """Write patterns at true size onto pages of `pattern.paper`, see `brafit.pattern.pages`; with the arguments of
+    `write_pdf_sheet`."""
     write_pages(path, paper_pages(patterns, title, note), title)
 
 
