@@ -14,7 +14,6 @@ from typing import get_args
 
 import torch
 from jaxtyping import Bool, Float
-from scipy.spatial import KDTree
 from torch import Tensor
 
 from brafit.cup.base import Cup
@@ -25,7 +24,7 @@ from brafit.fitting.loop import TRIALS, starting_problems, winners
 from brafit.fitting.neckline import DENSE, LEAST, intervals, side_rows
 from brafit.fitting.objective import Conditions, Objective, Pressure, weight_names
 from brafit.fitting.solver import Solver
-from brafit.fitting.targets import SHEET_NEIGHBOURS, Target, Targets, padded_rows, sheet_rows
+from brafit.fitting.targets import SHEET_NEIGHBOURS, Target, Targets, padded_rows, sheet_neighbours, sheet_rows
 from brafit.geometry.development import FlatPanel, arc_lengths
 from brafit.geometry.grid import chebyshev_analysis
 from brafit.geometry.order import along_curve
@@ -207,7 +206,7 @@ def _data(
     wires = [traced_wire(scan.wire, terms) for scan in scans]
     scale = torch.stack([length for _, length in wires]) / LENGTH
     samples = targets.neckline.shape[1]
-    lines = [_neckline(scan, condition.neckline_wave, samples) for scan in scans]
+    lines = [_neckline(*both, condition.neckline_wave, samples) for both in zip(scans, held, strict=True)]
     unit = scale[:, None]
 
     def marks(name: str) -> Float[Tensor, "batch 3"]:
@@ -218,7 +217,7 @@ def _data(
     if unknown := sorted(set(shares) - set(names)):
         raise ValueError(f"unknown weight {unknown[0]!r}: allowed are {', '.join(names)}")
     ones = torch.ones_like(scale)
-    sheets = [_sheet(scan, targets.sheet.shape[1]) for scan in scans]
+    sheets = [_sheet(*both, targets.sheet.shape[1]) for both in zip(scans, held, strict=True)]
     sheet, normals, spacing = (torch.stack(parts) for parts in zip(*sheets, strict=True))
     return Data(
         points=_points(scans, held, targets) / unit[..., None],
@@ -246,14 +245,16 @@ def _points(scans: Sequence[TensorTarget], held: Sequence[Target], targets: Targ
     return torch.stack(rows)
 
 
-def _sheet(scan: TensorTarget, size: int) -> tuple[Float[Tensor, "size 3"], Float[Tensor, "size 3"], Float[Tensor, ""]]:
+def _sheet(
+    scan: TensorTarget, held: Target, size: int
+) -> tuple[Float[Tensor, "size 3"], Float[Tensor, "size 3"], Float[Tensor, ""]]:
     """Sheet, normals and spacing of a cloud without a neckline as `Targets.stack` makes them, mm; zeros elsewhere."""
-    cloud = scan.points[torch.from_numpy(sheet_rows(len(scan.points)))]
+    rows = sheet_rows(len(scan.points))
+    cloud = scan.points[torch.from_numpy(rows)]
     if scan.neckline is not None or len(cloud) <= SHEET_NEIGHBOURS:
         none = cloud.new_zeros(size, 3)
         return none, none, cloud.new_zeros(())
-    places = cloud.detach().numpy()
-    near = torch.from_numpy(KDTree(places).query(places, SHEET_NEIGHBOURS + 1)[1])
+    near = torch.from_numpy(sheet_neighbours(held.points[rows])[1])
     offset = cloud[near] - cloud[near].mean(dim=1, keepdim=True)
     flattest = torch.linalg.eigh(offset.mT @ offset)[1][:, :, 0]
     whole = torch.from_numpy(padded_rows(len(cloud), size))
@@ -271,13 +272,13 @@ def traced_wire(
     return analysis @ positions * (LENGTH / length), length
 
 
-def _neckline(scan: TensorTarget, wave: float, samples: int) -> Float[Tensor, "m 3"]:
+def _neckline(scan: TensorTarget, held: Target, wave: float, samples: int) -> Float[Tensor, "m 3"]:
     """`smooth_neckline` and its samples, differentiable in the line and the strap point; zeros where none is given."""
-    if scan.neckline is None:
+    if scan.neckline is None or held.neckline is None:
         return torch.zeros(samples, 3, dtype=torch.float64)
-    line = scan.neckline[_distinct(scan.neckline)]
-    strap = None if scan.strap_point is None else scan.strap_point.detach().numpy()
-    rows = [torch.from_numpy(r) for r in side_rows(line.detach().numpy(), strap)]
+    distinct = _distinct(scan.neckline)
+    line = scan.neckline[distinct]
+    rows = [torch.from_numpy(r) for r in side_rows(held.neckline[distinct.numpy()], held.strap_point)]
     given = line if scan.strap_point is None else torch.cat((line, scan.strap_point[None]))
     sides = [given[r] if wave == 0 or len(r) < LEAST else traced_side(given[r], wave) for r in rows]
     if len(sides) == 1:

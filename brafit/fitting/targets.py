@@ -203,7 +203,7 @@ def _sheets(targets: Sequence[Target]) -> tuple[np.ndarray, np.ndarray, np.ndarr
         cloud = target.points[rows[k]]
         if len(cloud) <= SHEET_NEIGHBOURS or size == 0:
             continue
-        away, near = KDTree(cloud).query(cloud, SHEET_NEIGHBOURS + 1)
+        away, near = sheet_neighbours(cloud)
         offset = cloud[near] - cloud[near].mean(axis=1, keepdims=True)
         flattest = np.linalg.eigh(offset.mT @ offset)[1][:, :, 0]
         whole = padded_rows(len(cloud), size)
@@ -215,6 +215,13 @@ def _sheets(targets: Sequence[Target]) -> tuple[np.ndarray, np.ndarray, np.ndarr
 def sheet_rows(count: int) -> Int[np.ndarray, " rows"]:
     """Which of so many points make the sheet of a cloud."""
     return np.arange(0, count, max(1, -(-count // SHEET)))
+
+
+def sheet_neighbours(cloud: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n k"], Int[np.ndarray, "n k"]]:
+    """Distances and numbers of the points whose plane gives the normal of each, nearest first: itself, and the
+    neighbours."""
+    away, near = KDTree(cloud).query(cloud, SHEET_NEIGHBOURS + 1)
+    return away, near
 
 
 def padded_rows(count: int, size: int) -> Int[np.ndarray, " size"]:
