@@ -11,6 +11,14 @@ from urllib.parse import quote
 from brafit.atomic import write_text
 from brafit.report.html import MEANINGS, asset, number, page, short, text
 
+MAIN = frozenset(
+    {
+        "rms_mm", "p95_mm", "max_mm", "upper_edge_mm", "seam_to_apex_mm", "outline_sd_mm", "tightest_radius_mm",
+        "wire_length_mm", "twist_deg_max", "seam_mismatch_mm", "seconds",
+    }
+)  # fmt: skip
+"""Figures that the page shows at first, as many as a window has room for; a tick shows the others too."""
+
 
 def write_index(
     path: str | Path,
@@ -30,10 +38,10 @@ def write_index(
     heads = ["cup", "scan", "status", "warnings", "side", *(key.removesuffix("_mm") for key in keys)]
     about = ["", "", "", "of the fit and of the pieces; open them to read", ""]
     titles = [*about, *(f"{MEANINGS[key][0]} {MEANINGS[key][1]}".strip() for key in keys)]
-    plain = len(about)
+    classes = [*("" for _ in about), *map(_class, keys)]
     head = "".join(
-        f'<th class="{"number" if i >= plain else ""}" title="{text(title)}">{text(words.replace("_", " "))}</th>'
-        for i, (words, title) in enumerate(zip(heads, titles, strict=True))
+        f'<th class="{kind}" title="{text(title)}">{text(words.replace("_", " "))}</th>'
+        for kind, words, title in zip(classes, heads, titles, strict=True)
     )
     places = [str(row["scan"]) for row in rows] if folders is None else folders
     told = zip(rows, warnings, places, strict=True)
@@ -42,11 +50,17 @@ def write_index(
     body = (
         f"<h1>bra cups</h1><p>{good} of {len(rows)} scans ok, {warned} with warnings. "
         "Lengths in mm, angles in degrees. Click a heading to sort, a scan for its report.</p>"
+        '<input type="checkbox" id="every"> <label for="every">all figures</label>'
         f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead>'
         f"<tbody>\n{lines}\n</tbody></table></div>"
         f"<script>{asset('table.js')}</script>"
     )
     write_text(path, page("bra cups", body, wide=True))
+
+
+def _class(key: str) -> str:
+    """Of a figure's cells."""
+    return "number" if key in MAIN else "number more"
 
 
 def _index_line(row: Mapping[str, Any], told: Sequence[str], keys: Sequence[str], folder: str) -> str:
@@ -67,5 +81,5 @@ def _index_line(row: Mapping[str, Any], told: Sequence[str], keys: Sequence[str]
     for key in keys:
         value = number(row.get(key))
         shown = "" if value is None else text(short(value))
-        cells.append(f'<td class="number" data-value="{"" if value is None else repr(value)}">{shown}</td>')
+        cells.append(f'<td class="{_class(key)}" data-value="{"" if value is None else repr(value)}">{shown}</td>')
     return f"<tr>{''.join(cells)}</tr>"

@@ -132,8 +132,9 @@ def _page(
     tables: Sequence[tuple[SweepJob, list[dict[str, Any]]]], swept: Sequence[str], best: Mapping[str, Mapping[str, Any]]
 ) -> str:
     figures = list(dict.fromkeys(key for _, table in tables for key in _medians(table)))
-    words = [*swept, "ok", "failed", *(f"{key.removesuffix('_mm').replace('_', ' ')} (median)" for key in figures)]
-    head = "".join(f"<th>{escape(word)}</th>" for word in ["job", *words])
+    words = ["ok", "failed", *(key.removesuffix("_mm").replace("_", " ") for key in figures)]
+    head = "".join(f"<th>{escape(word)}</th>" for word in ["job", *swept])
+    head += "".join(f'<th class="number">{escape(word)}</th>' for word in words)
     lines = []
     for job, table in tables:
         good, medians = sum(row.get("status") == "ok" for row in table), _medians(table)
@@ -152,10 +153,12 @@ def _page(
     )
     return page(
         "sweep",
-        f"<h1>Sweep of {len(tables)} jobs</h1><p>Lengths in mm. Click a heading to sort, a job for its scans.</p>"
+        f"<h1>Sweep of {len(tables)} jobs</h1><p>Figures are medians of a job's good scans, lengths in mm. Click a "
+        "heading to sort, a job for its scans.</p>"
         f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody>'
         "</table></div><h2>Best of each scan</h2><p>The job with the lowest RMS distance; more panels and terms always "
-        'follow a scan closer.</p><table class="sortable"><thead><tr><th>scan</th><th>job</th><th>RMS</th></tr></thead>'
+        'follow a scan closer.</p><table class="sortable"><thead><tr><th>scan</th><th>job</th>'
+        f'<th class="number">RMS</th></tr></thead>'
         f"<tbody>{chosen}</tbody></table><script>{asset('table.js')}</script>",
         wide=True,
     )

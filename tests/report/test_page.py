@@ -21,7 +21,8 @@ from brafit.landmarks import CupFrame
 from brafit.pattern import PatternOptions, Side
 from brafit.remarks import Remark
 from brafit.report.dimensions import MARKS
-from brafit.report.index import write_index
+from brafit.report.html import MEANINGS
+from brafit.report.index import MAIN, write_index
 from brafit.result import Result
 from brafit.underwires.sizes import wire_size
 
@@ -172,6 +173,16 @@ def test_index_shows_and_sorts_warnings(tmp_path):
     names = "Array.from(document.querySelectorAll('tbody tr'), r => r.cells[1].textContent).join('|')"
     head = "Array.from(document.querySelectorAll('th')).find(h => h.textContent === 'warnings')"
     assert dom(tmp_path / "index.html", f"({head}.click(), {names})", tmp_path) == "a|c|b"
+
+
+def test_index_fits_a_window_of_1200_and_shows_all_figures_on_a_tick(tmp_path):
+    row = {"scan": "anny_04", "status": "ok", "side": "left"} | dict.fromkeys(MEANINGS, 0.04635)
+    write_index(tmp_path / "index.html", [row], [["the fit was not sure"]])
+    table, every = "document.querySelector('.scroll')", "document.getElementById('every')"
+    shown = "Array.from(document.querySelectorAll('td.number')).filter(cell => cell.offsetWidth > 0).length"
+    assert dom(tmp_path / "index.html", f"{table}.scrollWidth <= {table}.clientWidth", tmp_path) == "true"
+    assert dom(tmp_path / "index.html", shown, tmp_path) == str(len(MAIN))
+    assert dom(tmp_path / "index.html", f"({every}.click(), {shown})", tmp_path) == str(len(MEANINGS))
 
 
 def test_report_tells_what_was_found_out_about_the_scan(tmp_path):
