@@ -22,5 +22,7 @@ for step in range(300):
     loss.backward()
     adam.step()
     schedule.step()
+    if step % 50 == 0:
+        print(f"step {step} of 300: loss {loss.item():.2f} mm²")
 print(f"{target.name}: RMS {cup(points).square().mean().sqrt():.3f} mm, least margin {cup.margin().min():.2f}")
 flat = cup.patterns()  # flat.lower, flat.upper: (batch, panels, stations, 2), mm, differentiable
