@@ -45,7 +45,7 @@ from brafit.scan import Scan, find_scans, load_scan
 from brafit.scan.load import closed
 from brafit.simulation.synthetic import quarter_sphere
 from brafit.surface import point_weights
-from brafit.surface.chart import Chart
+from brafit.surface.directions import Chart
 
 RADIUS = 65.0
 """Of the sphere, mm: its wire is 204 mm long, as the breasts' are."""

@@ -17,7 +17,7 @@ from scipy.interpolate import RBFInterpolator
 
 from brafit.geometry.polyline import polyline_length, running_length
 from brafit.report.mesh import panel_faces
-from brafit.surface.chart import Chart
+from brafit.surface.directions import Chart
 from brafit.surface.gaps import SMOOTHING
 
 ROWS = 24

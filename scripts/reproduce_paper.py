@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from paper_figures import cup_figure, flat_figure
 from torch import Tensor
 
 from brafit.cup import CupShape, FramesCup, Wire
@@ -29,7 +30,7 @@ from brafit.fitting.targets import Targets
 from brafit.geometry.developable import twist_determinant
 from brafit.geometry.development import FlatPanel
 from brafit.pattern import pieces_from_panels
-from brafit.report.figures import cup_figure, flat_figure, save_figure
+from brafit.report.figures import save_figure
 from brafit.simulation.synthetic import PAPER_RADIUS, on_panels, quarter_sphere
 
 R = PAPER_RADIUS

@@ -1,1 +1,1 @@
-"""The commands: brafit, brafit-inspect, brafit-mark, brafit-collect."""
+"""The commands, a module each: brafit (`fit`), brafit-inspect, -mark, -collect, -sizes and -nest."""

@@ -1,4 +1,4 @@
-"""Text as words, all at once: where each begins and ends, which begin a line, and what number each is.
+"""Splits a whole text into words at once: where each begins and ends, which begin a line, and the numbers they spell.
 
 Words are parted by white space, lines by LF, CR or both.
 """

@@ -9,7 +9,7 @@ on the CPU. Numbers in parentheses, as in "(12)", are equations of docs/formulat
     ritz          bases for the unknown functions of arc length
     grid          differentiation, integration and interpolation on sampled functions
     curve         moving frames and curves integrated as an associative scan
-    developable   omega from two edges, rib angle, twist, regularity of a ruled panel
+    developable   rulings, rib angle, twist, regularity of a ruled panel
     strip         a developable panel built on an edge, and the edge that it makes
     panels        places on a chain of panels, as sums of samples of the edges
     nearest       nearest point on a chain of panels, with envelope gradients; `foot`: on a given panel

@@ -1,4 +1,4 @@
-"""Products and functions of which each item of the batch is the same, to the last bit, whatever else is in the batch.
+"""Products and functions that give an item of a batch the same bits, whatever else is in the batch.
 
 The libraries below take another way, which rounds differently, for a batch of one, for rows of one, for items that do
 not begin where a line of memory does, and for the last few numbers of a tensor.

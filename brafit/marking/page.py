@@ -20,8 +20,8 @@ from brafit.errors import InputError
 from brafit.landmarks.file import DECIMALS, FIELDS, Landmarks, landmarks_path
 from brafit.landmarks.units import MILLIMETRES, NAMES
 from brafit.marking.bounds import bounds, catalogue
+from brafit.marking.opening import Opening, opening_of
 from brafit.marking.skin import SIZES, Skin, skin_of
-from brafit.marking.start import Start, start_of
 from brafit.naming import shown
 from brafit.report.html import page
 from brafit.surface.cleaning import distinct
@@ -66,18 +66,18 @@ def marking_page(raw: Cloud, name: str, side: str | None = None, units: str | No
     if single < MIN_POINTS:
         cause = f"only {single} of its {len(raw.points)} points are distinct"
         raise InputError(raw.path, cause, "Export the cloud again, or scan again")
-    start = start_of(raw, side, units)
-    skin = skin_of(start.whole.cloud.points)
+    opening = opening_of(raw, side, units)
+    skin = skin_of(opening.whole.cloud.points)
     key = f"brafit-mark:{hashlib.sha256(skin.records() + shown(raw.path.name).encode()).hexdigest()[:20]}"
-    told = _told(raw, name, start, skin) | {"key": key}
+    told = _told(raw, name, opening, skin) | {"key": key}
     script = "\n".join(_asset(f"{part}.js") for part in SCRIPTS)
     body = (
         f"<style>\n{_asset('mark.css')}</style>\n{_asset('page.html')}"
         f'<script type="application/json" id="scan-data">{_embedded(told)}</script>\n'
         f'<script>\n"use strict";\n(function () {{\n{script}}})();\n</script>'
     )
-    given = bool(start.breasts) and not any(breast.proposed for breast in start.breasts)
-    return MarkingPage(page(f"{name}: marks", body, wide=True), key, _begins(start), given)
+    given = bool(opening.breasts) and not any(breast.proposed for breast in opening.breasts)
+    return MarkingPage(page(f"{name}: marks", body, wide=True), key, _begins(opening), given)
 
 
 @cache
@@ -90,23 +90,23 @@ def _embedded(data: Any) -> str:
     return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def _told(raw: Cloud, name: str, start: Start, skin: Skin) -> dict[str, Any]:
+def _told(raw: Cloud, name: str, opening: Opening, skin: Skin) -> dict[str, Any]:
     """What the page is told; lengths and places in mm, from the skin's corner on."""
-    file, cloud = landmarks_path(raw.path), start.whole.cloud
+    file, cloud = landmarks_path(raw.path), opening.whole.cloud
     flagged = cloud.inside is not None and bool(cloud.inside.any())
     judged = cloud.points[cloud.inside] if flagged else cloud.points
-    breasts = [_breast(breast, start, skin) for breast in start.breasts]
+    breasts = [_breast(breast, opening, skin) for breast in opening.breasts]
     return {
         "title": shown(name),
-        "name": start.breasts[0].name if start.breasts else shown(raw.path.stem),
+        "name": opening.breasts[0].name if opening.breasts else shown(raw.path.stem),
         "file": shown(file.name),
         "folder": shown(str(raw.path.absolute().parent)),
         "scan": shown(raw.path.name),
-        "unit": start.unit,
-        "unitName": NAMES[start.unit],
-        "unitFrom": start.unit_from,
-        "factor": MILLIMETRES[start.unit],
-        "decimals": DECIMALS[start.unit],
+        "unit": opening.unit,
+        "unitName": NAMES[opening.unit],
+        "unitFrom": opening.unit_from,
+        "factor": MILLIMETRES[opening.unit],
+        "decimals": DECIMALS[opening.unit],
         "origin": skin.origin.tolist(),
         "skin": {
             "records": base64.b64encode(skin.records()).decode(),
@@ -116,24 +116,24 @@ def _told(raw: Cloud, name: str, start: Start, skin: Skin) -> dict[str, Any]:
             "sizes": SIZES,
             "of": skin.of,
         },
-        "axes": start.axes.tolist(),
-        "extent": _extent(start, skin),
+        "axes": opening.axes.tolist(),
+        "extent": _extent(opening, skin),
         "size": float(np.linalg.norm(np.ptp(judged, axis=0))),
-        "mirror": _mirror(start, skin),
-        "sides": list(start.sides),
-        "side": next((breast.side for breast in start.breasts if breast.side in start.sides), start.sides[0]),
+        "mirror": _mirror(opening, skin),
+        "sides": list(opening.sides),
+        "side": next((breast.side for breast in opening.breasts if breast.side in opening.sides), opening.sides[0]),
         "breasts": breasts,
         "start": hashlib.sha256(json.dumps(breasts).encode()).hexdigest()[:16],
         "extra": _extra(file),
-        "faults": {side: [shown(fault) for fault in faults] for side, faults in start.faults.items()},
-        "notes": [shown(note) for note in start.notes],
+        "faults": {side: [shown(fault) for fault in faults] for side, faults in opening.faults.items()},
+        "notes": [shown(note) for note in opening.notes],
         "bounds": bounds(flagged),
         "catalogue": catalogue(),
     }
 
 
-def _breast(breast: Landmarks, start: Start, skin: Skin) -> dict[str, Any]:
-    confidence = start.confidence.get(breast.side)
+def _breast(breast: Landmarks, opening: Opening, skin: Skin) -> dict[str, Any]:
+    confidence = opening.confidence.get(breast.side)
 
     def told(places: np.ndarray | None) -> Any:
         return None if places is None else np.round(places - skin.origin, 5).tolist()
@@ -141,14 +141,14 @@ def _breast(breast: Landmarks, start: Start, skin: Skin) -> dict[str, Any]:
     return {
         "side": breast.side,
         "origin": "proposed" if breast.proposed else "given",
-        "detected": breast.side in start.detected,
-        "backwards": breast.side in start.turned,
+        "detected": breast.side in opening.detected,
+        "backwards": breast.side in opening.turned,
         "confidence": None if confidence is None else round(confidence.value, 2),
         "doubts": [] if confidence is None else [_doubt(key, confidence) for key in confidence.unusual],
         "wire": told(breast.wire),
         "upper": told(breast.upper_line),
         "points": {name: told(place) for name, place in breast.points.items()},
-        "named": {name: told(place) for name, place in start.named[breast.side].items()},
+        "named": {name: told(place) for name, place in opening.named[breast.side].items()},
     }
 
 
@@ -157,16 +157,16 @@ def _doubt(key: str, confidence: Confidence) -> dict[str, str]:
     return {"mark": "apex" if key in OF_APEX else "wire", "says": confidence.sentence(key)}
 
 
-def _extent(start: Start, skin: Skin) -> float:
+def _extent(opening: Opening, skin: Skin) -> float:
     """What is seen of the whole scan from in front, mm."""
-    return float(np.ptp(skin.points @ start.axes[:2].T, axis=0).max())
+    return float(np.ptp(skin.points @ opening.axes[:2].T, axis=0).max())
 
 
-def _mirror(start: Start, skin: Skin) -> dict[str, Any] | None:
-    if start.mirror is None:
+def _mirror(opening: Opening, skin: Skin) -> dict[str, Any] | None:
+    if opening.mirror is None:
         return None
-    normal = start.mirror.normal
-    return {"normal": normal.tolist(), "offset": float(start.mirror.offset - normal @ skin.origin)}
+    normal = opening.mirror.normal
+    return {"normal": normal.tolist(), "offset": float(opening.mirror.offset - normal @ skin.origin)}
 
 
 def _extra(file: Path) -> dict[str, Any]:
@@ -178,15 +178,15 @@ def _extra(file: Path) -> dict[str, Any]:
     return {key: value for key, value in data.items() if key not in FIELDS}
 
 
-def _begins(start: Start) -> str:
-    if not start.breasts:
+def _begins(opening: Opening) -> str:
+    if not opening.breasts:
         return "nothing is marked"
-    words: Sequence[str] = [_begins_with(breast, start) for breast in start.breasts]
+    words: Sequence[str] = [_begins_with(breast, opening) for breast in opening.breasts]
     return "; ".join(words)
 
 
-def _begins_with(breast: Landmarks, start: Start) -> str:
-    confidence = start.confidence.get(breast.side)
+def _begins_with(breast: Landmarks, opening: Opening) -> str:
+    confidence = opening.confidence.get(breast.side)
     if confidence is not None:
         return f"{breast.side} proposed, confidence {confidence.value:.1f}"
     return f"{breast.side} {'proposed' if breast.proposed else 'marked'}"

@@ -1,4 +1,4 @@
-"""What pieces owe to their cloth: pieces of cloth that stretches when it is worn are cut smaller."""
+"""How pieces are cut for their cloth: smaller, where it stretches when it is worn, and larger or smaller by an ease."""
 
 from __future__ import annotations
 

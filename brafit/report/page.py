@@ -1,4 +1,4 @@
-"""Web pages of the results that need no server and no network: one of a scan, and one over all scans of a run."""
+"""The web page of one scan's result, which needs no server and no network; `index` is the page over all scans."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""What a scan is fitted with where the settings leave it open: the fewest panels that keep a tolerance. And what a seam
-through the bust point costs.
-"""
+"""How many panels a scan gets where the settings leave that open, and what a seam through the bust point costs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What types alone do not say of settings, each in one line that says what is allowed."""
+"""Checks of settings that types alone do not make. A refusal is one line, which says what is allowed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Objects made of settings: `{_target_: MODULE.NAME, ...}` is what MODULE.NAME gives for the other entries.
+"""Objects made of settings: `{_target_: MODULE.NAME, ...}` calls MODULE.NAME with the other entries.
 
 That is how classes from outside of brafit come in. Their modules are looked for as Python does, and in the working
 folder.

@@ -1,4 +1,4 @@
-"""What sizes owe to the cloth that their fits were made for: cups that may be compared, pieces that are cut alike."""
+"""Fits for different cloth: cups for other thickness cannot be compared, and pieces for other stretch are told of."""
 
 from __future__ import annotations
 

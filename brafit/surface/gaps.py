@@ -4,8 +4,8 @@ A fit that looks at the data only slides into a shadow: nothing there speaks aga
 its rim and the lines that bound the cup, and the fit sees places on that bridge. They count in no figure.
 
 The breast is seen from a place within it: each direction has a radius. On the chart of directions
-(`brafit.surface.chart`) gaps are holes; in them the radius is a spline (kernel r^3, smoother than a thin plate, so that
-it goes on as the surface about the gap curves) through the points about them, wire and upper line.
+(`brafit.surface.directions`) gaps are holes; in them the radius is a spline (kernel r^3, smoother than a thin plate, so
+that it goes on as the surface about the gap curves) through the points about them, wire and upper line.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from jaxtyping import Float
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import KDTree
 
-from brafit.surface.chart import Chart
 from brafit.surface.coverage import spacing_of
+from brafit.surface.directions import Chart
 
 GAP = 4.0
 """A gap begins at this distance (mm) from every point, or at SPARSE times the cloud's spacing."""

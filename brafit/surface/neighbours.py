@@ -1,4 +1,4 @@
-"""Nearest points: of every point of a cloud, kept up to date while points are taken out of it, and of a few places."""
+"""Nearest points: those of every point of a cloud, kept up to date while points are taken out, or of a few places."""
 
 from __future__ import annotations
 

@@ -6,11 +6,12 @@ from subprocess import run
 import numpy as np
 import pytest
 from lunes import lune_cup, lune_flat, sphere_points
+from paper_figures import cup_figure, flat_figure
 from PIL import Image
 
 from brafit.pattern import Pattern, PatternOptions, finish, pieces_from_panels
 from brafit.report.colour import distance_colours, distance_limit
-from brafit.report.figures import cup_figure, flat_figure, save_figure
+from brafit.report.figures import save_figure
 from brafit.report.pictures import fit_picture, pattern_picture, thumbnail
 
 TITLE = 'any $name^{ "Ü" 胸 \x07'

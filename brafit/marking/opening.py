@@ -1,4 +1,4 @@
-"""With what the marking of a scan begins: its landmark file, else proposals, else nothing; and how it is looked at."""
+"""What the page of a scan opens with: the marks of its landmark file, else proposals, else none; and how it is seen."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ UPRIGHT = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class Opening:
     """What is known of a scan before a person marks it; lengths in mm.
 
     Attributes:
@@ -64,8 +64,8 @@ class Start:
     notes: tuple[str, ...]
 
 
-def start_of(raw: Cloud, side: str | None = None, units: str | None = None) -> Start:
-    """The start for a scan.
+def opening_of(raw: Cloud, side: str | None = None, units: str | None = None) -> Opening:
+    """What the page of a scan opens with.
 
     Args:
         raw: the scan as its file has it.
@@ -86,11 +86,11 @@ def start_of(raw: Cloud, side: str | None = None, units: str | None = None) -> S
         return _by_hand(raw, side, unit, found, error)
 
 
-def _marked(marked: Marked, side: str | None, unit_from: str) -> Start:
-    """The start where marks are given or proposed."""
+def _marked(marked: Marked, side: str | None, unit_from: str) -> Opening:
+    """Where marks are given or proposed."""
     faults = {one.side: one.faults for one in marked.proposed.values() if one.faults}
     found = [_breast(marked, marks, faults) for marks in marked.breasts]
-    return Start(
+    return Opening(
         whole=marked.whole,
         unit=marked.units.cloud,
         unit_from=unit_from,
@@ -130,11 +130,11 @@ def _breast(marked: Marked, marks: Landmarks, faults: dict[str, tuple[str, ...]]
     return _Breast(breast.marks, breast.wire_origin, turned, breast.confidence)
 
 
-def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputError) -> Start:
-    """The start where nothing is marked and nothing can be proposed."""
+def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputError) -> Opening:
+    """Where nothing is marked and nothing can be proposed."""
     whole = Whole(replace(raw, points=raw.points * MILLIMETRES[unit]))
     body = _body(whole)
-    return Start(
+    return Opening(
         whole=whole,
         unit=unit,
         unit_from=found,
