@@ -100,7 +100,7 @@ def _piece(piece: CutPiece, pattern: Pattern, name: str, scale: float) -> str:
     about += [
         f"Annotation: {words}"
         for words in (*piece.label.lines[1:], *piece.label.left_out, *piece.label.notice)
-        if not words.startswith("size")
+        if words != f"size {pattern.size}"
     ]
     size, along, angle = piece.label.size, piece.label.along, piece.label.angle
     down = np.array((along[1], -along[0]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -370,7 +371,9 @@ def _told(lines: Sequence[str]) -> tuple[str, ...]:
 
 
 def _for_side(label: Label, side: Side, other: Side) -> Label:
-    return replace(label, lines=tuple(line.replace(f"{side} cup", f"{other} cup") for line in label.lines))
+    """The label with the other side in place of one; a scan's name may hold the same words."""
+    own = re.compile(rf"(^|, ){side} cup(?=$|, )")
+    return replace(label, lines=tuple(own.sub(rf"\g<1>{other} cup", line) for line in label.lines))
 
 
 def _notices(warnings: Sequence[Remark]) -> list[tuple[str, ...]]:

@@ -34,6 +34,8 @@ class Dimension:
 
 CUP, SURFACE = "cup", "over the surface"
 """The parts of the straight measures of the cup, and of those that a tape takes on it."""
+DEPTH = "depth (out of the wire's plane)"
+"""Its dimension that the report has at its head."""
 PANELS_AREA = "area of all panels"
 """Its one dimension that is of the pieces."""
 MARKS = "apex mark to strap point mark (straight)"
@@ -154,7 +156,7 @@ def _of_cup(edges: Float[ndarray, "cups e n 3"], apex: Float[ndarray, "3"]) -> d
     }
     return {
         "wire span (end to end)": np.linalg.norm(outer - inner, axis=-1),
-        "depth (out of the wire's plane)": edges[..., 2].max((-2, -1)),
+        DEPTH: edges[..., 2].max((-2, -1)),
         **{f"apex to {name}": np.linalg.norm(place - apex, axis=-1) for name, place in places.items()},
         "apex to nearest point of the upper edge": np.linalg.norm(upper - apex, axis=-1).min(-1),
     }

@@ -21,7 +21,7 @@ from brafit.pattern.finish import Pattern
 from brafit.pattern.piece import Piece, Side
 from brafit.report.band import Deviation, band_svg, magnification
 from brafit.report.colour import DIVERGING, PANELS, distance_colours, distance_limit
-from brafit.report.dimensions import Dimension, measured_on
+from brafit.report.dimensions import DEPTH, Dimension, measured_on
 from brafit.report.html import MEANINGS, asset, link, number, page, short, text
 from brafit.report.paper import PaperPanel
 
@@ -119,7 +119,7 @@ def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension], pattern: Pat
     seams = ("seam sides differ by", row.get("seam_mismatch_mm"), "mm")
     if pattern.reshaped:
         seams = ("seam sides differ by, as cut", pattern.seam_difference, "mm")
-    depth = next((d.value for d in dimensions if d.name.startswith("depth")), None)
+    depth = next((d.value for d in dimensions if d.name == DEPTH), None)
     facts = [
         ("RMS distance", row.get("rms_mm"), "mm"),
         ("95 % of the points within", row.get("p95_mm"), "mm"),

@@ -29,6 +29,7 @@ from brafit.geometry.polyline import polyline_length
 from brafit.remarks import Remark
 from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
+from brafit.scan.framed import size_laid
 from brafit.underwires.nearest import chosen_wire
 
 AWAY = 0.1
@@ -143,7 +144,7 @@ def judged(fit: CupFit, scan: Scan) -> CupFit:
         doubts = warning(scan.confidence, scan.origin.marks)
         warnings += [] if doubts is None else [doubts]
     if scan.own_wire is not None:
-        told, far = chosen_wire(scan.origin.wire.removeprefix("size "), scan.own_wire)
+        told, far = chosen_wire(size_laid(scan.origin.wire), scan.own_wire)
         words = f"{told}: take that (scan.wire), or check the wire line with brafit-inspect"
         warnings += [Remark("chosen_wire_far", words)] if far else []
     for key, value in measures(fit, scan).items():

@@ -19,6 +19,8 @@ from brafit.landmarks.plausibility import check_scan
 from brafit.scan.marked import Marked, origin_of
 from brafit.underwires.sizes import wire_size
 
+_SIZE = "size "
+"""What comes before the name of a size where a wire of one was laid."""
 WIRE_POINTS = 151
 """Points of a wire of a given size: enough for their chords to be less than 0.01 mm shorter than the wire."""
 
@@ -95,6 +97,11 @@ def framed(marked: Marked, side: str | None, wire: str | None) -> Framed:
     return Framed(marks, marks_origin, wire_origin, guessed, frame, line, turned, confidence, own)
 
 
+def size_laid(wire_origin: str) -> str:
+    """The size of the wire that was laid, by where a wire comes from; empty where none of a size was."""
+    return wire_origin.removeprefix(_SIZE) if wire_origin.startswith(_SIZE) else ""
+
+
 def frame_of(cloud: Cloud, marks: Landmarks) -> CupFrame:
     """The cup frame of marks that have a wire.
 
@@ -159,7 +166,7 @@ def _with_wire(marked: Marked, marks: Landmarks, wire: str | None) -> tuple[Land
         found, origin = wire_about(points, body, marks.side, apex, both), "detected"
     else:
         arc = wire_size(str(wire)).line(WIRE_POINTS)
-        found, origin = wire_laid(points, body, marks.side, apex, arc, both), f"size {wire}"
+        found, origin = wire_laid(points, body, marks.side, apex, arc, both), f"{_SIZE}{wire}"
     changes = {"inner_end": found.wire[0], "outer_end": found.wire[-1], "apex": apex}
     upper = _joined(marks.upper_line, found)
     return replace(marks, wire=found.wire, upper_line=upper, points={**marks.points, **changes}), origin, found.guessed

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from brafit.landmarks.units import NAMES, Units
 from brafit.remarks import Remark
-from brafit.scan.framed import Framed
+from brafit.scan.framed import Framed, size_laid
 from brafit.scan.marked import Marked
 from brafit.scan.region import Gathered
 from brafit.surface.cleaning import Cleaning
@@ -67,7 +67,7 @@ def _on_upper_line(origin: str, flagged: bool) -> Iterator[Remark]:
 
 def _on_size(breast: Framed) -> Iterator[Remark]:
     if breast.own_wire is not None:
-        told, far = chosen_wire(breast.wire_origin.removeprefix("size "), breast.own_wire)
+        told, far = chosen_wire(size_laid(breast.wire_origin), breast.own_wire)
         if not far:  # else it is a warning, see `brafit.run.likeness`
             yield Remark("chosen_wire", told)
 
@@ -85,6 +85,6 @@ def _on_marks(breast: Framed) -> Iterator[Remark]:
     if (breast.marks_origin, breast.wire_origin) == ("given", "given"):
         return
     how = f"landmarks {breast.marks_origin}, wire {breast.wire_origin}"
-    guess = "off the crease" if breast.wire_origin.startswith("size") else "guessed, no crease shows there"
+    guess = "off the crease" if size_laid(breast.wire_origin) else "guessed, no crease shows there"
     share = "" if breast.guessed is None else f" ({100 * breast.guessed:.0f} % of it {guess})"
     yield Remark("guessed_marks", f"{how}{share}: look at them, brafit-inspect draws them")

@@ -71,6 +71,16 @@ def test_pieces_layers_and_texts(tmp_path, unit, millimetres, name):
     np.testing.assert_allclose(np.ptp(corners, axis=0), (100, 100), atol=1e-9)
 
 
+def test_a_scan_whose_name_begins_like_a_size_keeps_it(tmp_path):
+    made = pattern(name="size_42 of anna", size="75B")
+    write_dxf(tmp_path / "p.dxf", [made], "x")
+    for block in blocks(read(tmp_path / "p.dxf")).values():
+        if block.name.endswith("PANEL_75B"):
+            words = texts(block)
+            assert "Annotation: size_42 of anna" in words
+            assert "Annotation: size 75B" not in words
+
+
 def test_notches_with_a_bar_have_the_layer_of_t_notches(tmp_path):
     made = pattern(notch_form="t")
     write_dxf(tmp_path / "p.dxf", [made], "lune")

@@ -312,6 +312,16 @@ def test_labels_stay_on_their_piece_with_cloth_and_warnings(panels, scale):
             assert all(words in " ".join(label.lines) for words in ("cut 1", "allowance", "cloth 3.0", "stretch 20"))
 
 
+def test_the_other_side_keeps_the_name_of_a_scan_that_holds_a_side():
+    pieces = pieces_from_panels(lune_flat(2))
+    made = finish(pieces, PatternOptions(pair=True), name="her left cup again", side="left")
+    for piece, other in zip(*made.drawn, strict=True):
+        for label, side in ((piece.label, "left"), (other.label, "right")):
+            words = ", ".join(label.lines).split(", ")
+            assert f"{side} cup" in words
+            assert "her left cup again" in words
+
+
 def test_labels_say_what_a_cutter_needs():
     pattern = lunes(size="75B", pair=True, quantity=2, allowance=allowance(8, 6, 6))
     about = ("size 75B", "cut 2", "allowance wire 8.0 mm, ridge 6.0 mm", "no ease", "2001-02-03")
