@@ -18,7 +18,7 @@ parts:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -37,7 +37,7 @@ from brafit.fitting.result import ResultCode
 from brafit.geometry.development import FlatPanel
 from brafit.geometry.fairness import EdgeCurvature
 from brafit.geometry.polyline import distances, evenly_spaced
-from brafit.pattern.piece import pieces_from_panels
+from brafit.report.dimensions import piece_dimensions
 from brafit.run.fitting import target_of
 from brafit.run.recipe import Recipe, recipe_of
 from brafit.scan import Scan, find_scans, load_scan
@@ -120,26 +120,21 @@ def rescans_fitted(
     return [(own, fits[k * count : (k + 1) * count]) for k, own in enumerate(targets)]
 
 
-def edge_lengths(cut: Cut) -> dict[str, float]:
-    """Lengths (mm) of the edges of every piece, and the cup's depth."""
-    pieces = pieces_from_panels(cut.panels)
-    sizes = {f"{piece.name}, {edge.name}": edge.length for piece in pieces for edge in piece.edges}
-    return sizes | {"depth": float(cut.shape.edges[..., 2].max())}
+def dimensions(cuts: Sequence[Cut]) -> dict[str, np.ndarray]:
+    """The dimensions of every cup's pieces as reports have them (mm; areas cm2), and its depth."""
+    found = {", ".join(key): values for key, values in piece_dimensions(cuts).items()}
+    return found | {"depth": np.array([float(cut.shape.edges[..., 2].max()) for cut in cuts])}
 
 
-def dimensions(cut: Cut) -> dict[str, float]:
-    """Lengths as above; width, height (mm) and area (cm2) of every piece, its lower edge's ends level."""
-    sizes = edge_lengths(cut)
-    for piece in pieces_from_panels(cut.panels):
-        width, height = np.ptp(piece.outline, axis=0)
-        sizes |= {f"{piece.name}, width": float(width), f"{piece.name}, height": float(height)}
-        sizes[f"{piece.name}, area (cm2)"] = piece.area / 100
-    return sizes
+def edge_lengths(cuts: Sequence[Cut]) -> dict[str, np.ndarray]:
+    """Of these the lengths of edges, and the depth."""
+    sizes = ("width", "height", "area")
+    return {name: values for name, values in dimensions(cuts).items() if not name.endswith(sizes)}
 
 
-def deviations(rows: Sequence[dict[str, float]]) -> dict[str, float]:
+def deviations(measured: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Standard deviation of each dimension."""
-    return {name: float(np.std([row[name] for row in rows], ddof=1)) for name in rows[0]}
+    return {name: float(np.std(values, ddof=1)) for name, values in measured.items()}
 
 
 @dataclass(frozen=True)
@@ -243,7 +238,7 @@ class Repeat:
         return Repeat(
             rms=float(np.mean([fit.figures["rms_mm"] for fit in fits])),
             outlines=[patterns_apart(fits[0], fit) for fit in fits[1:]],
-            spread=deviations([edge_lengths(fit) for fit in fits]),
+            spread=deviations(edge_lengths(fits)),
             edges=bends[0],
             radius=min(bend.radius for bend in bends),
             upper_edge=max(fit.figures["upper_edge_mm"] for fit in fits),
@@ -350,7 +345,7 @@ def report_deviation(options: Options) -> None:
 
 def _print_deviations(fits: Sequence[CupFit]) -> list[float]:
     """A line for each dimension; the ratios of those that are not given."""
-    seen = deviations([dimensions(fit) for fit in fits])
+    seen = deviations(dimensions(fits))
     foretold = [row for fit in fits if (row := predicted_deviations(fit))]
     ratios = []
     for name, value in seen.items():
@@ -363,11 +358,10 @@ def _print_deviations(fits: Sequence[CupFit]) -> list[float]:
 
 def predicted_deviations(fit: CupFit) -> dict[str, float]:
     """The standard deviation that a fit predicts of each dimension; empty if it predicts none."""
-    best = dimensions(fit)
-    others = [dimensions(other) for other in fit.alternatives]
-    if not others:
+    if not fit.alternatives:
         return {}
-    return {name: float(np.linalg.norm([row[name] - value for row in others])) for name, value in best.items()}
+    measured = dimensions([fit, *fit.alternatives])
+    return {name: float(np.linalg.norm(values[1:] - values[0])) for name, values in measured.items()}
 
 
 def _predicted_outline(fits: Sequence[CupFit]) -> float:

@@ -111,18 +111,28 @@ def dimension_deviation(
     cups = [fit, *alternatives]
     edges = _numbers(torch.stack([cup.shape.edges for cup in cups]))
     measured = {(CUP, name): value for name, value in _of_cup(edges, apex).items()}
-    names, seams = piece_names(len(fit.panels)), seam_names(len(fit.panels))
-    areas = []
-    for i, name in enumerate(names):
-        flat = torch.stack([torch.stack((cup.panels[i].lower, cup.panels[i].upper)) for cup in cups])
-        sizes = _of_flat(_numbers(flat))
-        areas.append(sizes["area"])
-        measured |= {(name, seams[i]): sizes.pop("lower"), (name, seams[i + 1]): sizes.pop("upper")}
-        measured |= {(name, key): value for key, value in sizes.items()}
-    measured[CUP, PANELS_AREA] = np.sum(areas, axis=0)
+    pieces = piece_dimensions(cups)
+    measured |= pieces
+    measured[CUP, PANELS_AREA] = np.sum([value for (_, name), value in pieces.items() if name == "area"], axis=0)
     measured |= {(SURFACE, name): values for name, values in over_surface(cups, apex, strap_point).items()}
     spread = {key: float(np.sqrt(np.sum((values[1:] - values[0]) ** 2))) for key, values in measured.items()}
     return {key: value for key, value in spread.items() if np.isfinite(value)}
+
+
+def piece_dimensions(cups: Sequence[Fitted]) -> dict[Key, Float[ndarray, " cups"]]:
+    """Edges, widths and heights (mm) and areas (cm2) of the pieces of every cup, before ease and stretch.
+
+    Args:
+        cups: with as many panels each.
+    """
+    count = len(cups[0].panels)
+    seams, measured = seam_names(count), {}
+    for i, name in enumerate(piece_names(count)):
+        flat = torch.stack([torch.stack((cup.panels[i].lower, cup.panels[i].upper)) for cup in cups])
+        sizes = _of_flat(_numbers(flat))
+        measured |= {(name, seams[i]): sizes.pop("lower"), (name, seams[i + 1]): sizes.pop("upper")}
+        measured |= {(name, key): value for key, value in sizes.items()}
+    return measured
 
 
 def _numbers(tensor: torch.Tensor) -> ndarray:
