@@ -14,3 +14,8 @@ class ResultCode(Enum):
     UNRESOLVED = "not a cup of developable panels"
     UNLIKE = "no likeness of the points"
     DROPPED = "given up for a better start of the same scan"
+
+    @property
+    def is_cup(self) -> bool:
+        """Whether what came out can be cut and sewn."""
+        return self in (ResultCode.CONVERGED, ResultCode.STEP_LIMIT)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from brafit.fitting.loop import CupFit
-from brafit.fitting.result import ResultCode
 from brafit.naming import shown
 from brafit.underwires.nearest import nearest_wire
 
@@ -57,7 +56,7 @@ def fitted_row(
     row = failed_row(fit.name, fit.reason, model, side, points)
     row["panels"] = len(fit.panels)
     row |= figures | _wire_to_buy(fit, wire or {}) | {"iterations": fit.iterations, "seconds": fit.seconds}
-    if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED, ResultCode.UNLIKE):
+    if not fit.code.is_cup:
         return row
     absent = OPTIONAL if neckline else OPTIONAL | NECKLINE
     missing = [key for key, value in figures.items() if key not in absent and not math.isfinite(value)]

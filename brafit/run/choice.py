@@ -9,7 +9,6 @@ import numpy as np
 
 from brafit.fitting import CupFit, Step, Target
 from brafit.fitting.objective import APEX, CLOSEST
-from brafit.fitting.result import ResultCode
 from brafit.remarks import Remark
 from brafit.run.likeness import seam_blamed
 from brafit.run.recipe import FEWEST, MOST, Recipe
@@ -17,7 +16,6 @@ from brafit.run.recipe import FEWEST, MOST, Recipe
 Callback = Callable[[Step], None]
 Fitter = Callable[[Recipe, Sequence[int], str], list[CupFit]]
 """Fits some scans, by their places in the batch, with a recipe; the text says what for."""
-_NO_CUP = (ResultCode.DIVERGED, ResultCode.UNRESOLVED, ResultCode.UNLIKE)
 TOP = 0.005
 """Share of a scan's points, those farthest from the chest, whose middle stands for a bust point that nobody marked."""
 
@@ -50,24 +48,20 @@ def _fewest(recipe: Recipe, tolerance: float, count: int, fit: Fitter) -> list[C
 
 
 def _keeps(fit: CupFit, tolerance: float) -> bool:
-    return _is_cup(fit) and fit.figures["rms_mm"] <= tolerance
-
-
-def _is_cup(fit: CupFit) -> bool:
-    return fit.code not in _NO_CUP
+    return fit.code.is_cup and fit.figures["rms_mm"] <= tolerance
 
 
 def _taken(tried: Mapping[int, CupFit], tolerance: float) -> CupFit:
     """The fit with the fewest panels that keep the tolerance, else the closest; with the RMS of all."""
     allowed = [panels for panels in tried if panels <= MOST]
     kept = [panels for panels in allowed if _keeps(tried[panels], tolerance)]
-    cups = [panels for panels in allowed if _is_cup(tried[panels])]
+    cups = [panels for panels in allowed if tried[panels].code.is_cup]
     closest = min(cups or allowed, key=lambda panels: tried[panels].figures["rms_mm"])
     panels = kept[0] if kept else closest
     taken, more = tried[panels], tried.get(panels + 1)
     words = f"{_panels(panels)}: {taken.figures['rms_mm']:.2f} mm"
     if more is not None:
-        brings = f"would bring {more.figures['rms_mm']:.2f} mm" if _is_cup(more) else "would make no cup"
+        brings = f"would bring {more.figures['rms_mm']:.2f} mm" if more.code.is_cup else "would make no cup"
         words = f"{words}; {panels + 1} {brings}"
     warnings = taken.warnings
     if not kept:
@@ -82,10 +76,14 @@ def _taken(tried: Mapping[int, CupFit], tolerance: float) -> CupFit:
         choice={
             **taken.choice,
             "tolerance_mm": tolerance,
-            "rms_mm_by_panels": {str(n): fit.figures["rms_mm"] if _is_cup(fit) else None for n, fit in tried.items()},
+            "rms_mm_by_panels": {str(n): _rms(fit) for n, fit in tried.items()},
             "panels": words,
         },
     )
+
+
+def _rms(fit: CupFit) -> float | None:
+    return fit.figures["rms_mm"] if fit.code.is_cup else None
 
 
 def _panels(count: int) -> str:
@@ -109,14 +107,14 @@ def _price(own: CupFit, other: CupFit) -> CupFit:
     through, off = own.figures["rms_mm"], other.figures["rms_mm"]
     away = other.figures["seam_to_apex_mm"]
     words = f"seam through the bust point: {through:.2f} mm RMS; the closest cup"
-    words += f" has {off:.2f} mm, its seam {away:.1f} mm from it" if _is_cup(other) else " would be none"
+    words += f" has {off:.2f} mm, its seam {away:.1f} mm from it" if other.code.is_cup else " would be none"
     numbers = {"rms_mm": through, "closest_rms_mm": off, "closest_seam_to_apex_mm": away}
     return replace(
         own,
         notes=(*own.notes, Remark("seam_price", words, own.name)),
-        warnings=seam_blamed(own.warnings, other.warnings) if _is_cup(other) else own.warnings,
+        warnings=seam_blamed(own.warnings, other.warnings) if other.code.is_cup else own.warnings,
         seconds=own.seconds + other.seconds,
-        choice={**own.choice, "seam": words, "seam_price": numbers if _is_cup(other) else {"rms_mm": through}},
+        choice={**own.choice, "seam": words, "seam_price": numbers if other.code.is_cup else {"rms_mm": through}},
     )
 
 

@@ -136,7 +136,7 @@ def judged(fit: CupFit, scan: Scan) -> CupFit:
 
     A fit that failed by itself stays as it is.
     """
-    if fit.code in (ResultCode.DIVERGED, ResultCode.UNRESOLVED):
+    if not fit.code.is_cup:
         return fit
     length, faults, warnings = polyline_length(scan.wire), list[Remark](), list[Remark]()
     if scan.confidence is not None:
