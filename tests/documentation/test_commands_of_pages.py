@@ -135,8 +135,11 @@ def test_scripts_and_their_options_exist(command: Command) -> None:
 
 
 def declared(file: Path) -> set[str]:
-    """The options that a file's argument parser takes."""
-    calls = [node for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
+    """The options that a file's argument parser takes, those of the modules beside it that it asks for some too."""
+    text = file.read_text(encoding="utf-8")
+    beside = re.findall(r"^from brafit\.cli\.(\w+) import \w+_arguments$", text, re.MULTILINE)
+    trees = [ast.parse(own) for own in (text, *((ROOT / f"brafit/cli/{name}.py").read_text() for name in beside))]
+    calls = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)]
     adding = [call for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr == "add_argument"]
     words = [argument.value for call in adding for argument in call.args if isinstance(argument, ast.Constant)]
     return {str(word) for word in words if str(word).startswith("--")} | {"--help"}

@@ -18,6 +18,7 @@ PARTS = {
     "check_pages.py",
     "flattenings.py",
     "outlines.py",
+    "paper_figures.py",
     "peers_page.py",
     "readers.py",
 }
