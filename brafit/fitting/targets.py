@@ -221,7 +221,7 @@ def sheet_neighbours(cloud: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray,
     """Distances and numbers of the points whose plane gives the normal of each, nearest first: itself, and the
     neighbours."""
     away, near = KDTree(cloud).query(cloud, SHEET_NEIGHBOURS + 1)
-    return away, near
+    return np.asarray(away), np.asarray(near)
 
 
 def padded_rows(count: int, size: int) -> Int[np.ndarray, " size"]:
