@@ -222,7 +222,7 @@ def job_of(settings: Mapping[str, Any], choices: Mapping[str, Any], out: Path) -
     """The job of composed settings, whose results go to `out`."""
     from brafit.run.job import Job
 
-    for name, target in targets(settings["pattern"], "pattern"):  # which a sink may share
+    for name, target in targets(settings["pattern"]["formats"], "pattern.formats"):  # which a sink may share
         locate(target, name)
     sinks = [made(sink, f"sinks.{name}") for name, sink in settings["sinks"].items() if sink is not None]
     names = {key: choices[key] for key in NAMED if key in choices}
