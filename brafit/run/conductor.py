@@ -20,7 +20,7 @@ from brafit.errors import BrafitError
 from brafit.processes import Event, Lost, Pool, Raised, Returned, Told
 from brafit.run.dataset import ScanRef
 from brafit.run.folder import is_about_writing, why_not
-from brafit.run.job import KEEP, Done, Job, Overview, Row
+from brafit.run.job import KEEP, PRELOAD, Done, Job, Overview, Row
 from brafit.run.sinks import Activity
 
 STAGES = "brafit.run.stages"
@@ -54,7 +54,7 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     """
     from brafit.run.closing import closing  # after the workers are on their way
 
-    with Pool(job.workers, [STAGES, *job.needs]) as pool:
+    with Pool(job.workers, PRELOAD) as pool:
         conductor = _Conductor(job, pool)
         conductor.begin()
         try:
