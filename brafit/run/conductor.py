@@ -66,6 +66,26 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     return [done.row for done in conductor.done]
 
 
+def batch_size(count: int, most: int, workers: int) -> int:
+    """Scans of a batch where there are so many: no more than asked for, and work for every worker."""
+    batches = math.ceil(count / most)
+    if batches % workers and count >= LEAST * workers:
+        batches += workers - batches % workers
+    return max(1, math.ceil(count / max(1, batches)))
+
+
+def last_size(left: int, share: int, idle: int) -> int:
+    """Scans of a batch where no more will come: a share of what was left then, and of less than that a part for every
+    worker that fits nothing. To part anew whatever a batch leaves would end in many small ones, which cost more a scan.
+
+    Args:
+        left: scans that are not fitted yet.
+        share: the `batch_size` of what was left when no more came.
+        idle: workers that fit nothing.
+    """
+    return min(share, math.ceil(left / idle) if left >= LEAST * idle else left)
+
+
 @dataclass
 class _Loading:
     ref: ScanRef
@@ -131,6 +151,7 @@ class _Conductor:
         self.done: list[Done] = []
         self._next = 0
         self._batches = 0
+        self._shares: dict[tuple[str, ...], int] = {}  # of the last batches, by their scans' own settings
         self._total = 0
         self._watched: frozenset[str] = frozenset()
 
@@ -209,23 +230,23 @@ class _Conductor:
 
     def _batch(self) -> _Fitting | None:
         """A full batch, or, where no more will come, a fair share of what is left."""
-        last = not self.queues.refs
+        job, last = self.job, not self.queues.refs
+        fitters = 1 if job.one_fit else job.workers
+        fitting = sum(isinstance(task, _Fitting) for task in self.busy.values())
         for overrides, waiting in self.queues.loaded.items():
-            size = self._size(len(waiting) + self._loading() if last else self._total)
-            if waiting and (last or len(waiting) >= size):
+            if not waiting:
+                continue
+            size = batch_size(self._total, job.batch, fitters)
+            if last:
+                left = len(waiting) + self._loading()
+                share = self._shares.setdefault(overrides, batch_size(left, job.batch, fitters))
+                size = last_size(left, share, fitters - fitting)
+            if last or len(waiting) >= size:
                 waiting.sort(key=lambda one: one.ref.positions[one.k])
                 chosen, self.queues.loaded[overrides] = waiting[:size], waiting[size:]
                 self._batches += 1
                 return _Fitting(self._batches, tuple(chosen))
         return None
-
-    def _size(self, count: int) -> int:
-        """Scans of a batch where there are so many: no more than asked for, and work for every worker."""
-        workers = 1 if self.job.one_fit else self.job.workers
-        batches = math.ceil(count / self.job.batch)
-        if batches % workers and count >= LEAST * workers:
-            batches += workers - batches % workers
-        return max(1, math.ceil(count / max(1, batches)))
 
     def _start(self, task: Any) -> None:
         self._next += 1
