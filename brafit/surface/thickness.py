@@ -54,7 +54,8 @@ def _covariances(
     sums = np.empty((len(places), terms.shape[1]))
     for start in range(0, len(places), TOGETHER):
         part = places[start : start + TOGETHER]
-        nearness = np.column_stack([points[part], np.ones(len(part))]) @ known  # its own square less that of the distance
+        # a place's own square less that of the distance
+        nearness = np.column_stack([points[part], np.ones(len(part))]) @ known
         near = nearness >= (size[part] - reach**2)[:, None]
         for row in np.flatnonzero(near.sum(axis=1) < LEAST):
             near[row, np.argpartition(-nearness[row], min(LEAST, len(points)) - 1)[:LEAST]] = True
