@@ -25,7 +25,7 @@ from brafit.run.sinks import Activity
 
 STAGES = "brafit.run.stages"
 LEAST = 4
-"""Scans that are worth a batch of their own, where there are fewer than fill one for every worker."""
+"""Scans that are worth a batch of their own."""
 AHEAD = 2
 """Files of each worker that may be loaded ahead of a batch, in batches."""
 _REMEDIES = {
@@ -69,21 +69,26 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
 def batch_size(count: int, most: int, workers: int) -> int:
     """Scans of a batch where there are so many: no more than asked for, and work for every worker."""
     batches = math.ceil(count / most)
-    if batches % workers and count >= LEAST * workers:
-        batches += workers - batches % workers
+    batches += -batches % _worth(count, workers)
     return max(1, math.ceil(count / max(1, batches)))
 
 
 def last_size(left: int, share: int, idle: int) -> int:
     """Scans of a batch where no more will come: a share of what was left then, and of less than that a part for every
-    worker that fits nothing. To part anew whatever a batch leaves would end in many small ones, which cost more a scan.
+    worker that fits nothing. To part anew whatever a batch leaves would end in many small ones, which cost more a scan;
+    and a worker that fits has the files of its own batch to write, while another fits the last.
 
     Args:
         left: scans that are not fitted yet.
-        share: the `batch_size` of what was left when no more came.
+        share: the `batch_size` of what was left when no more came, for the workers that fitted nothing.
         idle: workers that fit nothing.
     """
-    return min(share, math.ceil(left / idle) if left >= LEAST * idle else left)
+    return min(share, math.ceil(left / _worth(left, idle)))
+
+
+def _worth(count: int, workers: int) -> int:
+    """Workers for whom so many scans are worth batches of their own."""
+    return max(1, min(workers, count // LEAST))
 
 
 @dataclass
@@ -232,15 +237,15 @@ class _Conductor:
         """A full batch, or, where no more will come, a fair share of what is left."""
         job, last = self.job, not self.queues.refs
         fitters = 1 if job.one_fit else job.workers
-        fitting = sum(isinstance(task, _Fitting) for task in self.busy.values())
+        idle = fitters - sum(isinstance(task, _Fitting) for task in self.busy.values())
         for overrides, waiting in self.queues.loaded.items():
             if not waiting:
                 continue
             size = batch_size(self._total, job.batch, fitters)
             if last:
                 left = len(waiting) + self._loading()
-                share = self._shares.setdefault(overrides, batch_size(left, job.batch, fitters))
-                size = last_size(left, share, fitters - fitting)
+                share = self._shares.setdefault(overrides, batch_size(left, job.batch, idle))
+                size = last_size(left, share, idle)
             if last or len(waiting) >= size:
                 waiting.sort(key=lambda one: one.ref.positions[one.k])
                 chosen, self.queues.loaded[overrides] = waiting[:size], waiting[size:]
