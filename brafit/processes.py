@@ -153,6 +153,20 @@ class Pool:
 _POOLS: list[Pool] = []
 
 
+def prepare(preload: Sequence[str]) -> None:
+    """Begin to import, elsewhere, what a `Pool` will need, while this process does something else.
+
+    Args:
+        preload: the modules; what a pool that is made later names beyond these is imported by each of its processes.
+    """
+    if _METHOD == "forkserver":
+        from multiprocessing import forkserver
+
+        forkserver.set_forkserver_preload(list(preload))
+        with _no_main(), _one_thread():
+            forkserver.ensure_running()
+
+
 @atexit.register
 def _close_all() -> None:
     for pool in list(_POOLS):
@@ -160,6 +174,10 @@ def _close_all() -> None:
     if _METHOD == "forkserver":
         from multiprocessing.forkserver import _forkserver
 
+        pid = _forkserver._forkserver_pid  # type: ignore[attr-defined]
+        if pid is not None and not multiprocessing.active_children():  # of others, that is
+            with contextlib.suppress(OSError):
+                os.kill(pid, signal.SIGKILL)  # tidying up after its imports takes half a second and serves nobody
         with contextlib.suppress(OSError):  # its folder may be gone already
             _forkserver._stop()  # type: ignore[attr-defined]  # nothing is left behind, and its time counts as ours
 
@@ -256,6 +274,7 @@ def serve(connection: Connection) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.dup2(2, 1)  # the output is the caller's
     gc.freeze()  # what is imported stays: it need not be looked through again and again
+    gc.enable()
     limit_memory()
     _end_with_parent()
 

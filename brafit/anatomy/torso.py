@@ -29,6 +29,7 @@ from brafit.errors import InputError
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
 from brafit.surface.cleaning import averaged, inliers
 from brafit.surface.cropping import facing, neckline_over
+from brafit.surface.neighbours import Neighbours
 from brafit.surface.normals import Surface, settle
 from brafit.surface.symmetry import Mirror
 
@@ -192,7 +193,7 @@ def body_and_trunk(points: Float[np.ndarray, "n 3"]) -> tuple[Body, Float[np.nda
 def _sketch(points: np.ndarray) -> np.ndarray:
     """The whole body thinned, without strays."""
     thinned = averaged(points, WHOLE)
-    return thinned[inliers(thinned, 16, 2.0)]
+    return thinned[inliers(Neighbours.of(thinned, 16), 16, 2.0)]
 
 
 def _best(points: np.ndarray) -> Body:

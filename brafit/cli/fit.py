@@ -31,8 +31,9 @@ from brafit.cli.completion import answer, is_query
 from brafit.cli.status import ALL_OK, INTERRUPTED, NOTHING_RAN, SOME_FAILED, TERMINATED
 from brafit.errors import BrafitError, ConfigError
 from brafit.naming import print_anything
+from brafit.processes import prepare
 from brafit.run.folder import is_about_writing, make_writable, why_not
-from brafit.run.job import REDO
+from brafit.run.job import PRELOAD, REDO
 from brafit.run.recipe import NAMED, recipe_from_settings
 from brafit.run.store import differences, relevant
 from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
@@ -165,6 +166,8 @@ def main() -> None:
             answer(_hydra)
         else:
             sys.argv[1:] = given = prepared(given)
+            if not any(text.startswith("-") for text in given):  # one run: imports take as long as settings, or longer
+                prepare(PRELOAD)
             _hydra()
     except _Terminated:
         print(f"brafit: terminated; {_kept()}", file=sys.stderr)
@@ -222,7 +225,7 @@ def job_of(settings: Mapping[str, Any], choices: Mapping[str, Any], out: Path) -
     """The job of composed settings, whose results go to `out`."""
     from brafit.run.job import Job
 
-    for name, target in targets(settings["pattern"], "pattern"):  # which a sink may share
+    for name, target in targets(settings["pattern"]["formats"], "pattern.formats"):  # which a sink may share
         locate(target, name)
     sinks = [made(sink, f"sinks.{name}") for name, sink in settings["sinks"].items() if sink is not None]
     names = {key: choices[key] for key in NAMED if key in choices}
@@ -240,7 +243,6 @@ def job_of(settings: Mapping[str, Any], choices: Mapping[str, Any], out: Path) -
         read_patience=settings["scan"]["read_seconds"],
         patience=settings["patience"],
         resume=settings["resume"],
-        needs=_needs(settings),
     )
 
 
@@ -257,11 +259,6 @@ def cores() -> int:
         jobs = HydraConfig.get().launcher.n_jobs
         beside = count if jobs < 0 else jobs
     return max(1, count // beside)
-
-
-def _needs(settings: Mapping[str, Any]) -> list[str]:
-    """Modules that these settings will need in every worker."""
-    return ["open3d", *["reportlab.pdfgen.canvas"] * ("pdf" in settings["pattern"]["formats"])]
 
 
 def refuse_other_settings(out: Path, settings: Mapping[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -69,9 +69,7 @@ class _Places:
 def _first(sight: Sight, words: str, places: Callable[[str, float], Sequence[_Places]], foot: ndarray) -> Caption:
     """The caption at the first place that is free beside what it names, else near it with a leader, else anywhere on
     the piece."""
-    tries = [(size, group) for size in _CAPTIONS for group in places(words, size)]
-    near = sorted(tries, key=lambda entry: entry[1].led)
-    for size, group in chain(near, ((size, _anywhere(foot, sight)) for size in _CAPTIONS)):
+    for size, group in chain(_near(words, places), ((size, _anywhere(foot, sight)) for size in _CAPTIONS)):
         along = np.where(group.along[:, :1] >= -1e-9, 1.0, -1.0) * group.along
         boxes = polygons(box_corners(group.at, along, text_width(words, size), size))
         free = sight.free(boxes) & shapely.contains(sight.cut if group.within is None else group.within, boxes)
@@ -87,6 +85,19 @@ def _first(sight: Sight, words: str, places: Callable[[str, float], Sequence[_Pl
             sight.take(LineString(caption.leader).buffer(0.4))
             return caption
     return _outside(sight, words, foot)
+
+
+def _near(words: str, places: Callable[[str, float], Sequence[_Places]]) -> Iterator[tuple[float, _Places]]:
+    """Places beside what a caption names in every size, largest first, then those that need a leader; made as they are
+    asked for."""
+    led = []
+    for size in _CAPTIONS:
+        for group in places(words, size):
+            if group.led:
+                led.append((size, group))
+            else:
+                yield size, group
+    yield from led
 
 
 def _outside(sight: Sight, words: str, foot: ndarray) -> Caption:

@@ -65,17 +65,43 @@ def _tensor(point: Float[ndarray, "3"]) -> torch.Tensor:
 def nearest_on_edge(shape: CupShape, edge: int, point: Float[ndarray, "3"]) -> tuple[float, float]:
     """Distance from an edge, and the place on it as a real-valued index of the stations."""
     x, v = (tensor.detach().cpu().double().numpy() for tensor in (shape.edges[edge], shape.tangents[edge]))
-    h = np.diff(shape.stations.cpu().double().numpy())
-    k = int(np.linalg.norm(x - point, axis=1).argmin())
-    best = (np.inf, float(k))
-    for i in {max(k - 1, 0), min(k, len(x) - 2)}:
-        low, high = 0.0, 1.0
-        for _ in range(3):  # the nearest of a few places, then finer about it
-            t = np.linspace(low, high, 33)[:, None]  # a cubic Hermite arc between stations, as everywhere
-            arc = (2 * t**3 - 3 * t**2 + 1) * x[i] + (3 * t**2 - 2 * t**3) * x[i + 1]
-            arc = arc + h[i] * ((t**3 - 2 * t**2 + t) * v[i] + (t**3 - t**2) * v[i + 1])
-            away = np.linalg.norm(arc - point, axis=1)
-            j = int(away.argmin())
-            best = min(best, (float(away[j]), i + float(t[j, 0])))
-            low, high = float(t[max(j - 1, 0), 0]), float(t[min(j + 1, 32), 0])
-    return best
+    away, station = nearest_on_curves(x[None], v[None], shape.stations.cpu().double().numpy(), point)
+    return float(away[0]), float(station[0])
+
+
+def nearest_on_curves(
+    x: Float[ndarray, "curves n 3"],
+    v: Float[ndarray, "curves n 3"],
+    stations: Float[ndarray, " n"],
+    point: Float[ndarray, "3"],
+) -> tuple[Float[ndarray, " curves"], Float[ndarray, " curves"]]:
+    """Distances of a point from curves, and the places on them as real-valued indices of the stations.
+
+    Args:
+        x: samples of the curves.
+        v: the derivatives there by the station.
+        stations: of the samples.
+        point: anywhere.
+    """
+    rows, last = np.arange(len(x))[:, None], x.shape[1] - 2
+    k = np.linalg.norm(x - point, axis=2).argmin(1)
+    i = np.stack((np.maximum(k - 1, 0), np.minimum(k, last)), axis=1)  # the arcs on both sides of the nearest sample
+    h = np.diff(stations)[i][..., None, None]
+    start, end, slope, goal = (
+        values[:, :, None] for values in (x[rows, i], x[rows, i + 1], v[rows, i], v[rows, i + 1])
+    )
+    low, high = np.zeros(i.shape), np.ones(i.shape)
+    best, place = np.full(i.shape, np.inf), np.zeros(i.shape)
+    for _ in range(3):  # the nearest of a few places, then finer about it
+        at = np.linspace(low, high, 33, axis=-1)
+        t = at[..., None]  # a cubic Hermite arc between stations, as everywhere
+        arc = (2 * t**3 - 3 * t**2 + 1) * start + (3 * t**2 - 2 * t**3) * end
+        arc = arc + h * ((t**3 - 2 * t**2 + t) * slope + (t**3 - t**2) * goal)
+        away = np.linalg.norm(arc - point, axis=3)
+        j = away.argmin(2)[..., None]
+        found, where = np.take_along_axis(away, j, 2)[..., 0], i + np.take_along_axis(at, j, 2)[..., 0]
+        nearer = found < best
+        best, place = np.where(nearer, found, best), np.where(nearer, where, place)
+        low, high = (np.take_along_axis(at, np.clip(j + by, 0, 32), 2)[..., 0] for by in (-1, 1))
+    side = np.argmin(best, axis=1)[:, None]
+    return np.take_along_axis(best, side, 1)[:, 0], np.take_along_axis(place, side, 1)[:, 0]

@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from reportlab import rl_config
+from reportlab.lib.colors import Color, toColor
 from reportlab.lib.units import mm
 from reportlab.pdfbase.pdfdoc import PDFArray, PDFDictionary, PDFPage, PDFResourceDictionary, PDFString
 from reportlab.pdfgen.canvas import Canvas
@@ -145,11 +147,11 @@ def _items(canvas: Canvas, layers: _Layers, items: Iterable[Item], bold: float) 
 
 def _stroke(canvas: Canvas, stroke: Stroke, bold: float) -> None:
     pen = PENS[stroke.pen]
-    canvas.setStrokeColor(stroke.ink)
+    canvas.setStrokeColor(_colour(stroke.ink))
     canvas.setLineWidth(pen.width * bold)
     canvas.setDash([float(part) for part in pen.dashes])
     if stroke.fill:
-        canvas.setFillColor(stroke.fill)
+        canvas.setFillColor(_colour(stroke.fill))
     for path in stroke.paths:
         canvas.drawPath(_Path(path, stroke.closed), stroke=1, fill=int(bool(stroke.fill)))  # type: ignore[arg-type]
 
@@ -161,9 +163,15 @@ def _words(canvas: Canvas, words: Words) -> None:
     canvas.translate(*words.at)
     canvas.rotate(words.angle)
     canvas.setFont(face(words.bold), words.size)
-    canvas.setFillColor(words.colour)
+    canvas.setFillColor(_colour(words.colour))
     (canvas.drawCentredString if words.centred else canvas.drawString)(0, -0.35 * words.size, letters)
     canvas.restoreState()
+
+
+@cache
+def _colour(name: str) -> Color:
+    """Read once: reportlab would read it for every line."""
+    return toColor(name)
 
 
 class _Path:

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 from numpy import ndarray
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.optimize import minimize
@@ -23,7 +23,8 @@ from brafit.cup.shape import CupShape
 from brafit.geometry.development import FlatPanel
 from brafit.geometry.nearest import Feet, nearest_feet, surface_points
 from brafit.geometry.polyline import polyline_length
-from brafit.pattern.marks import nearest_on_edge
+from brafit.pattern.marks import nearest_on_curves
+from brafit.report.sections import sections
 
 WIRE, DOWN, UP = "wire line", "apex straight down to the wire", "upper cup depth (apex straight up)"
 VERTICAL, HORIZONTAL = "vertical over the apex", "horizontal over the apex"
@@ -74,20 +75,19 @@ def over_surface(
     feet = nearest_feet(point, edges, tangents, stations)
     at = surface_points(edges, tangents, stations, feet)[:, 0].numpy()
     numbers = edges.numpy()
-    down, up, level = (np.empty(len(cups)) for _ in range(3))
     # how cups differ shows on every other station as well
-    for i, grid in enumerate(_grids(numbers[:, :, :: 2 if len(cups) > 1 and numbers.shape[2] % 2 else 1])):
-        down[i], up[i] = section(grid, at[i], _Y)
-        level[i] = sum(section(grid, at[i], _X))
+    grids = _grids(numbers[:, :, :: 2 if len(cups) > 1 and numbers.shape[2] % 2 else 1])
+    down, up = sections(grids, at, _Y)
+    level = np.add(*sections(grids, at, _X))
     wires, uppers = _along(numbers[:, 0]), _along(numbers[:, -1])
     found = {WIRE: wires[:, -1]}
     if strap_point is None:
         found[UPPER] = uppers[:, -1]
     else:
-        straps = [nearest_on_edge(cup.shape, cup.shape.panels, strap_point)[1] for cup in cups]
+        _, straps = nearest_on_curves(numbers[:, -1], tangents[:, -1].numpy(), stations.numpy(), strap_point)
         before = np.diagonal(CubicSpline(np.arange(uppers.shape[1]), uppers, axis=1)(straps))
         found |= {NECKLINE: before, UNDERARM: uppers[:, -1] - before}
-        found[STRAP] = _taut(cups, straps, feet)
+        found[STRAP] = _taut(cups, straps.tolist(), feet)
     return found | {DOWN: down, UP: up, VERTICAL: down + up, HORIZONTAL: level}
 
 
@@ -124,81 +124,6 @@ def _grids(edges: Float[ndarray, "cups e n 3"]) -> Float[ndarray, "cups rows n 3
     share = np.arange(_STRIPS)[None, None, :, None, None] / _STRIPS
     rows = (1 - share) * edges[:, :-1, None] + share * edges[:, 1:, None]
     return np.concatenate((rows.reshape(len(edges), -1, *edges.shape[2:]), edges[:, -1:]), axis=1)
-
-
-def section(grid: Float[ndarray, "rows n 3"], start: Float[ndarray, "3"], axis: int) -> tuple[float, float]:
-    """Lengths of a plane's section from a point on it to the surface's rim, both ways: first to the lower end (that
-    with the greater x), then to the other; nan where the section does not come to the rim twice.
-
-    Args:
-        grid: points of the surface, which is taken as two triangles for each four of them.
-        start: on the surface.
-        axis: the plane is at right angles to this axis.
-    """
-    points, pairs, on_rim = _cuts(grid, start[axis], axis)
-    if len(pairs) == 0:
-        return np.nan, np.nan
-    a, b = points[pairs[:, 0]], points[pairs[:, 1]]
-    step = b - a
-    share = np.clip(((start - a) * step).sum(1) / np.maximum((step**2).sum(1), 1e-30), 0, 1)
-    nearest = int(np.linalg.norm(a + share[:, None] * step - start, axis=1).argmin())
-    neighbours: list[list[int]] = [[] for _ in points]  # a triangle's side belongs to two triangles at most
-    for one, other in pairs.tolist():
-        neighbours[one].append(other)
-        neighbours[other].append(one)
-    ends: dict[int, float] = {}
-    for first, second in (pairs[nearest], pairs[nearest][::-1]):
-        way = _followed(neighbours, int(first), int(second))
-        if on_rim[way[-1]]:
-            ends[way[-1]] = polyline_length(np.vstack((start, points[way])))
-    if len(ends) != 2:
-        return np.nan, np.nan
-    lower, other = sorted(ends, key=lambda k: -points[k, _X])
-    return ends[lower], ends[other]
-
-
-def _followed(neighbours: Sequence[Sequence[int]], first: int, before: int) -> list[int]:
-    """A line's points from one of them on, away from the one before it; once around if it is a ring."""
-    way = [first]
-    while True:
-        ahead = [k for k in neighbours[way[-1]] if k != before]
-        if len(ahead) != 1 or ahead[0] == first:
-            return way
-        before = way[-1]
-        way.append(ahead[0])
-
-
-def _cuts(
-    grid: Float[ndarray, "rows n 3"], level: float, axis: int
-) -> tuple[Float[ndarray, "k 3"], Int[ndarray, "m 2"], Bool[ndarray, " k"]]:
-    """Where the triangles' sides cross a plane, the pairs of these points that a triangle joins, and which of them lie
-    on the first or the last row."""
-    rows, n = grid.shape[:2]
-    side = grid[..., axis] - level
-    above = side >= 0
-    numbers = np.full((3, rows, n), -1)
-    points, count = [], 0
-    # sides along a row, across rows, and aslant
-    for kind, (down, right) in enumerate(((0, 1), (1, 0), (1, 1))):
-        first, last = np.s_[: rows - down, : n - right], np.s_[down:, right:]
-        crossed = above[first] != above[last]
-        share = side[first][crossed] / (side[first][crossed] - side[last][crossed])
-        points.append(grid[first][crossed] + share[:, None] * (grid[last][crossed] - grid[first][crossed]))
-        numbers[kind][first][crossed] = count + np.arange(len(share))
-        count += len(share)
-    along, across, aslant = numbers
-    triangles = (
-        (along[:-1, :-1], across[:-1, 1:], aslant[:-1, :-1]),
-        (along[1:, :-1], across[:-1, :-1], aslant[:-1, :-1]),
-    )
-    found = []
-    for sides in triangles:
-        three = np.stack(sides, axis=-1).reshape(-1, 3)
-        three = three[(three >= 0).sum(1) == 2]
-        found.append(three[three >= 0].reshape(-1, 2))
-    on_rim = np.zeros(count, bool)
-    on_rim[along[[0, -1]][along[[0, -1]] >= 0]] = True
-    return np.concatenate(points), np.concatenate(found), on_rim
 
 
 # The taut tape

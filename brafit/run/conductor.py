@@ -20,12 +20,12 @@ from brafit.errors import BrafitError
 from brafit.processes import Event, Lost, Pool, Raised, Returned, Told
 from brafit.run.dataset import ScanRef
 from brafit.run.folder import is_about_writing, why_not
-from brafit.run.job import KEEP, Done, Job, Overview, Row
+from brafit.run.job import KEEP, PRELOAD, Done, Job, Overview, Row
 from brafit.run.sinks import Activity
 
 STAGES = "brafit.run.stages"
 LEAST = 4
-"""Scans that are worth a batch of their own, where there are fewer than fill one for every worker."""
+"""Scans that are worth a batch of their own."""
 AHEAD = 2
 """Files of each worker that may be loaded ahead of a batch, in batches."""
 _REMEDIES = {
@@ -54,7 +54,7 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     """
     from brafit.run.closing import closing  # after the workers are on their way
 
-    with Pool(job.workers, [STAGES, *job.needs]) as pool:
+    with Pool(job.workers, PRELOAD) as pool:
         conductor = _Conductor(job, pool)
         conductor.begin()
         try:
@@ -64,6 +64,31 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
     if say is not None:
         say(closing(conductor.done, job.out, told=any(sink.tells for sink in job.sinks)))
     return [done.row for done in conductor.done]
+
+
+def batch_size(count: int, most: int, workers: int) -> int:
+    """Scans of a batch where there are so many: no more than asked for, and work for every worker."""
+    batches = math.ceil(count / most)
+    batches += -batches % _worth(count, workers)
+    return max(1, math.ceil(count / max(1, batches)))
+
+
+def last_size(left: int, share: int, idle: int) -> int:
+    """Scans of a batch where no more will come: a share of what was left then, and of less than that a part for every
+    worker that fits nothing. To part anew whatever a batch leaves would end in many small ones, which cost more a scan;
+    and a worker that fits has the files of its own batch to write, while another fits the last.
+
+    Args:
+        left: scans that are not fitted yet.
+        share: the `batch_size` of what was left when no more came, for the workers that fitted nothing.
+        idle: workers that fit nothing.
+    """
+    return min(share, math.ceil(left / _worth(left, idle)))
+
+
+def _worth(count: int, workers: int) -> int:
+    """Workers for whom so many scans are worth batches of their own."""
+    return max(1, min(workers, count // LEAST))
 
 
 @dataclass
@@ -131,6 +156,7 @@ class _Conductor:
         self.done: list[Done] = []
         self._next = 0
         self._batches = 0
+        self._shares: dict[tuple[str, ...], int] = {}  # of the last batches, by their scans' own settings
         self._total = 0
         self._watched: frozenset[str] = frozenset()
 
@@ -209,23 +235,23 @@ class _Conductor:
 
     def _batch(self) -> _Fitting | None:
         """A full batch, or, where no more will come, a fair share of what is left."""
-        last = not self.queues.refs
+        job, last = self.job, not self.queues.refs
+        fitters = 1 if job.one_fit else job.workers
+        idle = fitters - sum(isinstance(task, _Fitting) for task in self.busy.values())
         for overrides, waiting in self.queues.loaded.items():
-            size = self._size(len(waiting) + self._loading() if last else self._total)
-            if waiting and (last or len(waiting) >= size):
+            if not waiting:
+                continue
+            size = batch_size(self._total, job.batch, fitters)
+            if last:
+                left = len(waiting) + self._loading()
+                share = self._shares.setdefault(overrides, batch_size(left, job.batch, idle))
+                size = last_size(left, share, idle)
+            if last or len(waiting) >= size:
                 waiting.sort(key=lambda one: one.ref.positions[one.k])
                 chosen, self.queues.loaded[overrides] = waiting[:size], waiting[size:]
                 self._batches += 1
                 return _Fitting(self._batches, tuple(chosen))
         return None
-
-    def _size(self, count: int) -> int:
-        """Scans of a batch where there are so many: no more than asked for, and work for every worker."""
-        workers = 1 if self.job.one_fit else self.job.workers
-        batches = math.ceil(count / self.job.batch)
-        if batches % workers and count >= LEAST * workers:
-            batches += workers - batches % workers
-        return max(1, math.ceil(count / max(1, batches)))
 
     def _start(self, task: Any) -> None:
         self._next += 1

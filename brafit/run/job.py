@@ -16,6 +16,8 @@ Row = dict[str, Any]
 """One scan's line of summary.csv, see `brafit.report.table.SUMMARY_KEYS`."""
 
 KEEP, REDO = "keep", "redo"
+PRELOAD = ("brafit.run.imports",)
+"""Imported once, before workers are made of it."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,6 @@ class Job:
         read_patience: seconds that reading a file may take, and then preparing what it holds.
         patience: seconds that finishing a scan may take, and that a fit may be silent.
         resume: `keep`: scans whose results are there, from the same files and settings, are kept; `redo`: none are.
-        needs: modules that the workers import beforehand.
     """
 
     out: Path
@@ -49,7 +50,6 @@ class Job:
     read_patience: float = 120.0
     patience: float = 300.0
     resume: str = KEEP
-    needs: Sequence[str] = ()
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ Scans and fits travel as bytes, which the conductor hands on unread: it needs no
 
 from __future__ import annotations
 
+import io
 import pickle
 import platform
 from collections.abc import Callable, Sequence
@@ -21,7 +22,7 @@ from brafit.atomic import TEMPORARY, write_bytes
 from brafit.cloud import read_cloud
 from brafit.cloud.open3d_runtime import open3d
 from brafit.errors import BrafitError, InputError
-from brafit.fitting import Step
+from brafit.fitting import CupFit, Step
 from brafit.report.course import FitStep
 from brafit.report.row import failed_row, fitted_row
 from brafit.report.table import write_fit_json
@@ -132,7 +133,22 @@ def fit(source: bytes, scans: Sequence[bytes], watched: Sequence[str], tell: Tel
     recipe = _recipe(source, loaded[0][0].overrides)
     names = [scan.name for *_, scan in loaded]
     fits = fitted(recipe, [scan for *_, scan in loaded], lambda step: tell(_told(step, names, watched)))
-    return [pickle.dumps(fit, pickle.HIGHEST_PROTOCOL) for fit in fits]
+    return [_packed(fit) for fit in fits]
+
+
+class _Packer(pickle.Pickler):
+    """Packs of a tensor what is its own: PyTorch's way takes along all that it is a part of, such as a whole batch."""
+
+    def reducer_override(self, thing: Any) -> Any:
+        if type(thing) is torch.Tensor and thing.device.type == "cpu" and not thing.requires_grad:
+            return torch.from_numpy, (thing.numpy().copy(),)
+        return NotImplemented
+
+
+def _packed(fit: CupFit) -> bytes:
+    file = io.BytesIO()
+    _Packer(file, pickle.HIGHEST_PROTOCOL).dump(fit)
+    return file.getvalue()
 
 
 def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell: Tell) -> Done:

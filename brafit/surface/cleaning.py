@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
@@ -153,8 +152,9 @@ def tidy(
         flag, counts["thinned"] = np.ones(len(points), dtype=bool), distinct_points - len(points)
     if outliers is None or len(points) <= NEIGHBOURS:
         return Tidy(points, flag, None, counts["duplicates"], thinned=counts["thinned"])
-    kept = inliers(points, neighbours, outliers)
-    known = Neighbours.of(points[kept], max(NEIGHBOURS, neighbours + 1))
+    known = Neighbours.of(points, max(NEIGHBOURS, neighbours + 1))
+    kept = inliers(known, neighbours, outliers)
+    known, _ = known.among(kept)
     alone = lonely(known, neighbours)
     known, _ = known.among(~alone)
     kept[kept] = ~alone
@@ -252,16 +252,16 @@ def _scatter(surface: Surface, breast: np.ndarray) -> float:
     return float(np.sqrt(np.mean(((places - level) ** 2).sum(axis=1))))
 
 
-def inliers(points: Float[np.ndarray, "n 3"], neighbours: int, deviations: float) -> Bool[np.ndarray, " n"]:
-    """Mask of the points that Open3D's statistical outlier removal keeps.
+def inliers(known: Neighbours, neighbours: int, deviations: float) -> Bool[np.ndarray, " n"]:
+    """Mask of the points that statistical outlier removal keeps, as Open3D does it.
 
     Args:
-        points: distinct ones.
-        neighbours: of each point.
-        deviations: above the mean distance to them.
+        known: the neighbours of each point, at least `neighbours` of them, itself included.
+        neighbours: as many as the mean distance is taken of.
+        deviations: above the cloud's mean of that at which a point goes.
     """
-    _, mask = _cloud(points).remove_statistical_outliers(neighbours, deviations)
-    return mask.numpy().astype(bool)
+    distance = known.distances[:, : min(neighbours, known.count)].mean(axis=1)
+    return distance <= distance.mean() + deviations * distance.std(ddof=1)
 
 
 def lonely(known: Neighbours, neighbours: int) -> Bool[np.ndarray, " n"]:
@@ -301,21 +301,14 @@ def uncrowd(points: Float[np.ndarray, "n 3"], count: int) -> Bool[np.ndarray, " 
 
     Points are taken out one by one: of the closest pair, the one with the nearer third point.
     """
-    alive = np.ones(len(points), dtype=bool)
     if len(points) <= count:
-        return alive
-    distances, near = (found[:, 1:] for found in nearest(KDTree(points), points, min(17, len(points))))
-    closest, partner, whose = distances[:, 0].tolist(), near[:, 0].tolist(), _Partners(near[:, 0])
-
-    def left(k: int) -> list[tuple[float, int]]:
-        """Distances and indices of the two nearest of a point's neighbours that are left."""
-        pairs = zip(distances[k].tolist(), near[k].tolist(), strict=True)
-        return list(itertools.islice((pair for pair in pairs if alive[pair[1]]), 2))
-
+        return np.ones(len(points), dtype=bool)
+    crowd = _Crowd(*(found[:, 1:] for found in nearest(KDTree(points), points, min(17, len(points)))))
+    alive, whose = crowd.alive, _Partners(crowd.near[:, 0])
+    closest, partner = crowd.distances[:, 0].tolist(), crowd.near[:, 0].tolist()
     # Of many points few are touched, so the first pairs are a sorted list, and only those that change a heap.
-    sorted_pairs = zip(
-        np.sort(distances[:, 0]).tolist(), np.argsort(distances[:, 0], kind="stable").tolist(), strict=True
-    )
+    order = np.argsort(crowd.distances[:, 0], kind="stable")
+    sorted_pairs = zip(crowd.distances[order, 0].tolist(), order.tolist(), strict=True)
     changed: list[tuple[float, int]] = []
     pair = next(sorted_pairs, None)
     excess = len(points) - count
@@ -325,22 +318,46 @@ def uncrowd(points: Float[np.ndarray, "n 3"], count: int) -> Bool[np.ndarray, " 
         elif pair is not None:
             (away, first), pair = pair, next(sorted_pairs, None)
         else:  # no point knows another that is left
-            alive[alive] = uncrowd(points[alive], count)
-            break
+            kept = np.array(alive, dtype=bool)
+            kept[kept] = uncrowd(points[kept], count)
+            return kept
         if not alive[first] or closest[first] != away:
             continue  # out of date
         second = partner[first]
-        thirds = [two[1][0] if len(two) > 1 else np.inf for two in map(left, (first, second))]
-        gone = first if thirds[0] < thirds[1] else second
+        gone = first if crowd.left(first, 1)[0] < crowd.left(second, 1)[0] else second
         alive[gone] = False
         excess -= 1
         for k in whose.of(gone):
             if alive[k] and partner[k] == gone:
-                closest[k], partner[k] = next(iter(left(k)), (np.inf, -1))
+                closest[k], partner[k] = crowd.left(k, 0)
                 if partner[k] >= 0:
                     whose.add(partner[k], k)
                     heappush(changed, (closest[k], k))
-    return alive
+    return np.array(alive, dtype=bool)
+
+
+class _Crowd:
+    """Points of which some are taken out, and the nearest of each.
+
+    Attributes:
+        alive: which are left; of single entries much quicker than an array.
+        distances, near: of each point's neighbours, nearest first.
+    """
+
+    def __init__(self, distances: Float[np.ndarray, "n k"], near: Int[np.ndarray, "n k"]) -> None:
+        self.distances, self.near = distances, near
+        self.alive = bytearray(b"\1" * len(near))
+
+    def left(self, k: int, rank: int) -> tuple[float, int]:
+        """Distance and index of a point's nearest neighbour (rank 0) or the next one, of those that are left; infinite
+        and -1 where it knows none.
+        """
+        for column, neighbour in enumerate(self.near[k].tolist()):
+            if self.alive[neighbour]:
+                if not rank:
+                    return float(self.distances[k, column]), neighbour
+                rank -= 1
+        return np.inf, -1
 
 
 class _Partners:

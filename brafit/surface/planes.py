@@ -105,8 +105,9 @@ def _distance_off(others: Float[np.ndarray, "3 k m"]) -> Float[np.ndarray, " m"]
         distance = np.abs((centre * normal).sum(axis=0))
         if left:
             off = np.abs(np.einsum("im,ikm->km", normal, offset))
-            middle = np.partition(off, [(count - 1) // 2, count // 2], axis=0)[[(count - 1) // 2, count // 2]]
-            off /= np.maximum(middle.sum(axis=0), 1e-9)  # over twice the median
+            low, high = (count - 1) // 2, count // 2
+            ordered = np.partition(np.ascontiguousarray(off.T), sorted({low, high}), axis=1)
+            off /= np.maximum(ordered[:, low] + ordered[:, high], 1e-9)  # over twice the median
             weights = 1 / (1 + off * off) ** 2
     return distance
 

@@ -44,10 +44,21 @@ class Done:
     stderr: str
 
 
-def in_a_process(folder: Path, *arguments: str) -> Done:
+TELLING = """
+import sys
+from brafit.cli.fit import main
+try:
+    main()
+finally:
+    print("loaded:", *sorted({"torch", "scipy", "open3d", "matplotlib"} & set(sys.modules)))
+"""
+"""The command, which then says what of all that computes and draws its own process has loaded."""
+
+
+def in_a_process(folder: Path, *arguments: str, program: tuple[str, str] = ("-m", "brafit")) -> Done:
     """Run it as a user does."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "COLUMNS": "120"}
-    command = [sys.executable, "-m", "brafit", *arguments]
+    command = [sys.executable, *program, *arguments]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
     return Done(done.returncode, done.stdout, done.stderr)
 
@@ -104,8 +115,9 @@ def sample() -> Path:
 
 def test_one_scan_gives_all_files(tmp_path: Path, sample: Path) -> None:
     copied(sample, tmp_path / "my scans")
-    done = in_a_process(tmp_path, "scans='my scans'", "out=res", *TINY)
+    done = in_a_process(tmp_path, "scans='my scans'", "out=res", *TINY, program=("-c", TELLING))
     assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith("loaded:\n"), "only the workers compute and draw"
     out = tmp_path / "res"
     assert {file.name for file in tmp_path.iterdir()} == {"my scans", "res"}, "litter"
     assert {file.name for file in out.iterdir()} == {

@@ -12,7 +12,8 @@ from scipy.special import ellipeinc
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.development import FlatPanel
-from brafit.report.measures import Place, Way, flat_curves, over_surface, pulled, section
+from brafit.report.measures import Place, Way, flat_curves, over_surface, pulled
+from brafit.report.sections import sections
 
 
 @dataclass(frozen=True)
@@ -111,8 +112,21 @@ def level_section(panels: int, x: float) -> float:
 
 def test_section_that_does_not_reach_the_rim_twice_is_no_number():
     flat = np.stack(np.meshgrid(np.arange(3.0), np.arange(4.0), (0.0,), indexing="ij"), -1)[:, :, 0]
-    assert section(flat, np.array((1.5, 1.2, 0.0)), 1) == pytest.approx((0.5, 1.5))
-    assert np.isnan(section(flat, np.array((9.0, 9.0, 0.0)), 0)).all()
+    two = np.stack((flat, flat))
+    (lower, _), (other, _) = sections(two, np.array(((1.5, 1.2, 0.0), (9.0, 9.0, 0.0))), 1)
+    assert (lower, other) == pytest.approx((0.5, 1.5))
+    assert np.isnan(sections(two, np.full((2, 3), 9.0), 0)).all()
+
+
+def test_a_section_that_is_a_ring_is_no_number():
+    """A bowl that is cut above its bottom and below its rim, beside one whose rim is cut."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9), indexing="ij")
+    bowl = np.stack((x, y, x**2 + y**2), -1)
+    starts = np.array(((0.0, 0.5, 0.25), (0.0, 1.0, 1.0)))
+    lower, other = sections(np.stack((bowl, bowl)), starts, 2)
+    assert np.isnan(lower[0])
+    assert np.isnan(other[0])
+    assert np.isfinite(sections(bowl[None], starts[:1], 1)).all()
 
 
 def test_strap_point_divides_the_upper_edge():

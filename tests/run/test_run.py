@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import pickle
 import shutil
 from dataclasses import replace
 from functools import partial
@@ -15,13 +16,15 @@ import faulty
 import numpy as np
 import open3d as o3d
 import pytest
+import torch
 
 from brafit.cli.fit import exit_status
 from brafit.errors import InputError
 from brafit.pattern import PatternOptions
 from brafit.report.table import SUMMARY_KEYS
-from brafit.run import Done, Job, run
+from brafit.run import Done, Job, run, stages
 from brafit.run.collect import collect
+from brafit.run.dataset import ScanRef
 from brafit.run.job import Overview
 from brafit.run.sinks import Board, ErrorLog, Index, Nest, Progress, Sink, Table
 from brafit.samples import sample_paths
@@ -267,3 +270,20 @@ def test_what_holds_for_both_breasts_is_noted_once(capsys: pytest.CaptureFixture
     said = capsys.readouterr().err
     assert said.count("it is in cm") == 2, "once of each file"
     assert all(f"only of {name}" in said for name in names)
+
+
+def test_a_fit_is_handed_on_alone(tmp_path: Path) -> None:
+    """What is sent of a fit does not grow with its batch."""
+
+    def tell(_: object) -> None:
+        pass
+
+    source = pickle.dumps(faulty.plain)
+    refs = [ScanRef(path, (path.stem,), (None,), (k,)) for k, path in enumerate(sample_paths())]
+    loaded = [stages.load(source, ref, tmp_path, False, tell)[0] for ref in refs]
+    together = stages.fit(source, [one for one in loaded if isinstance(one, bytes)], (), tell)
+    for one, fit in zip(loaded, together, strict=True):
+        assert isinstance(one, bytes)
+        (alone,) = stages.fit(source, [one], (), tell)
+        assert len(fit) < 1.05 * len(alone)
+        assert torch.allclose(pickle.loads(fit).shape.edges, pickle.loads(alone).shape.edges, atol=1e-4)

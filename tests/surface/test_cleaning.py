@@ -5,9 +5,12 @@ import pytest
 from breasts import RADIUS, cup_frame_points
 from scipy.spatial import KDTree
 
+from brafit.cloud.open3d_runtime import open3d
 from brafit.errors import ConfigError
 from brafit.surface import clean
-from brafit.surface.cleaning import thin, uncrowd
+from brafit.surface.cleaning import inliers, thin, uncrowd
+from brafit.surface.neighbours import Neighbours
+from brafit.surface.normals import NEIGHBOURS
 
 
 @pytest.mark.parametrize("count", [50, 400, 1000, 1400, 1499, 1500, 3000, None])
@@ -65,6 +68,17 @@ def test_outliers_go_and_are_counted():
     everything, counts = clean(np.concatenate([stray, breast]), count=None, outliers=None)
     assert len(everything) == 3020
     assert counts.outliers == 0
+
+
+@pytest.mark.parametrize(("neighbours", "deviations"), [(16, 3.0), (16, 1.0), (5, 2.0), (40, 2.0)])
+def test_outliers_are_those_of_open3d(neighbours, deviations):
+    rng = np.random.default_rng(2)
+    breast = cup_frame_points(2000)
+    points = np.concatenate([breast + 0.5 * rng.standard_normal(breast.shape), rng.uniform(-90, 160, (60, 3))])
+    cloud = open3d().t.geometry.PointCloud(points)
+    _, kept = cloud.remove_statistical_outliers(neighbours, deviations)
+    known = Neighbours.of(points, max(NEIGHBOURS, neighbours + 1))
+    np.testing.assert_array_equal(inliers(known, neighbours, deviations), kept.numpy())
 
 
 def test_only_flagged_points_are_used_and_the_counts_add_up():
