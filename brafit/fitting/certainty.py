@@ -3,11 +3,11 @@
 Each point pulls at the parameters with f = 2 w r J: its weight, residual, and the residual's derivatives. At the
 optimum the pulls and the conditions balance. Points of another scan pull a little differently, by noise and by where
 they happen to lie, which moves the parameters by H^-1 times the change of the sum, so that their covariance is C =
-H^-1 M H^-1: H the Gauss-Newton matrix of the whole objective, M the covariance of the sum of the pulls. This is (73) of
-docs/formulation.md.
+H^-1 M H^-1: H how stiffly the objective holds the cup (`brafit.fitting.stiffness`), M the covariance of the sum of the
+pulls (`brafit.fitting.pulls`). This is (73) of docs/formulation.md.
 
 Residuals are not all noise. What is smooth over the surface is how far a cup of few panels is from a breast; the next
-scan shows the same. So M counts only by how much each pull differs from the mean of its neighbours', and takes these
+scan shows the same. So M counts only by how much each pull differs from what its neighbours' foretell, and takes these
 differences to be independent. Errors that a scanner makes over whole regions are not seen.
 
 The covariance is handed on as alternatives: a few cups, each a standard deviation away along one direction of the
@@ -25,8 +25,7 @@ from typing import overload
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Complex, Float
-from scipy.spatial import KDTree
+from jaxtyping import Complex, Float
 from torch import Tensor
 
 from brafit.cup.base import Cup
@@ -36,17 +35,15 @@ from brafit.cup.wire import Wire
 from brafit.fitting.measure import in_millimetres
 from brafit.fitting.normal import PointRows, Points, assembled, slices
 from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.pulls import Pulls
+from brafit.fitting.stiffness import bends, creases, softened, spanned
 from brafit.geometry.developable import dot
 from brafit.geometry.development import FlatPanel
 
 ALTERNATIVES = 24
 """Directions of the covariance that are kept: those that move the edges most."""
-_NEIGHBOURS = 6
-"""Neighbours with the mean of whose pulls a point's pull is compared."""
-_APART = 100.0
-"""How far panels are moved apart for that, in solver units."""
-_LEAF = 16
-"""Points in a leaf of the tree that finds them."""
+BENT = 4
+"""Directions in which the bends of the objective are looked at: the least certain ones."""
 _TOGETHER = 400
 """Cups whose outlines are measured at once."""
 
@@ -110,27 +107,6 @@ class Alternatives(Sequence[Alternative]):
         )
 
 
-def _scatter(
-    points: Float[Tensor, "n d"], values: Float[Tensor, "n k"], used: Bool[Tensor, " n"]
-) -> Float[Tensor, "k k"]:
-    """Covariance of a sum of values, from how each differs from the mean of its neighbours'; 0 for too few points."""
-    if not bool(used.all()):
-        points, values = points[used], values[used]
-    if len(points) <= _NEIGHBOURS:
-        return values.new_zeros(values.shape[1], values.shape[1])
-    places = points.cpu().numpy()
-    near = np.asarray(KDTree(places, leafsize=_LEAF).query(places, k=_NEIGHBOURS + 1)[1])
-    factor = values.new_full((1, _NEIGHBOURS + 1), -1 / _NEIGHBOURS)
-    factor[0, 0] = 1
-    rest = torch.nn.functional.embedding_bag(
-        torch.as_tensor(near, device=values.device),
-        values,
-        mode="sum",
-        per_sample_weights=factor.expand(len(values), -1).contiguous(),
-    )
-    return rest.mT @ rest / (1 + 1 / _NEIGHBOURS)
-
-
 @torch.no_grad()
 def deviations(
     objective: Objective, flat: Float[Tensor, "batch size"], pressure: Pressure, count: int = ALTERNATIVES
@@ -146,36 +122,90 @@ def deviations(
     Returns:
         the changes that move the edges most; not finite for a problem whose matrix is singular.
     """
-    linear, targets = objective.cup.linearise(flat), objective.targets
-    unasked, parts, noise = objective.unasked(linear.columns), [], []
+    linear = objective.cup.linearise(flat)
+    order = linear.columns.argsort()
+    parts, scatter, lacking = [], [], []
     for problems in slices(objective):
         rows = PointRows.of(objective, linear, None, problems)
         parts.append(rows.reduced())
-        for k, (order, used) in enumerate(zip(rows.order, targets.weights[problems] > 0, strict=True)):
-            one = slice(k, k + 1)
-            jacobian = rows.sums.part((one, slice(None))).jacobian(rows.table[one].float())[0]
-            pulls = jacobian.mul_((rows.slope[k] * rows.distances[k]).to(jacobian)[:, None])
-            pulls = pulls.masked_fill_(unasked[problems][k], 0.0)
-            # neighbours on the same panel: from one to the next the derivatives leap
-            apart = _APART * rows.feet.panel[k, :, None].to(targets.points)
-            places = torch.cat((targets.points[problems][k], apart), dim=-1)[order]
-            noise.append(_scatter(places, pulls, used[order]).to(flat))
+        for pulls in Pulls.each(objective, linear, rows, problems):
+            scatter.append(pulls.scatter())
+            lacking.append(creases(pulls))
+    unasked = objective.unasked(linear.columns)
+    held = (unasked[:, None] | unasked[..., None])[:, order][..., order]
+    scatter, lacking = (
+        torch.stack(matrices).to(flat)[:, order][..., order].masked_fill_(held, 0.0) for matrices in (scatter, lacking)
+    )
     hessian = assembled(objective, flat, pressure, linear, Points.cat(parts)).matrix
-    order = linear.columns.argsort()
     positions = linear.table[:, : linear.shape.edges[0, ..., 0].numel()].flatten(1, 2)[..., order]
+    spreads = [_Spread.of(*own) for own in zip(hessian, scatter, positions, strict=True)]
+    few = torch.stack([spread.plain(BENT) for spread in spreads])
+    bent = bends(objective, flat, pressure, few)
     changes = flat.new_full((len(flat), count, flat.shape[1]), torch.nan)
-    for k, (h, pulls) in enumerate(zip(hessian, noise, strict=True)):
-        factor, failed = torch.linalg.cholesky_ex(h.clone())
-        values, vectors = torch.linalg.eigh(pulls[order][:, order])
-        root = torch.cholesky_solve(vectors * values.clamp_min(0).sqrt(), factor)
-        if int(failed) or not bool(root.isfinite().all()):
-            continue
-        moved = positions[k].clone() @ root  # a product's rounding depends on where in memory its factors lie
-        turn = torch.linalg.eigh(moved.mT @ moved).eigenvectors.flip(-1)[:, :count]
-        directions = root @ turn
-        changes[k] = 0.0
-        changes[k, : directions.shape[1], linear.columns[order]] = directions.mT
+    for k, spread in enumerate(spreads):
+        directions = spread.directions(lacking[k], few[k], bent[k], count)
+        if bool(directions.isfinite().all()):
+            changes[k] = 0.0
+            changes[k, : directions.shape[1]] = directions.mT
     return changes
+
+
+@dataclass(frozen=True)
+class _Spread:
+    """What the covariance of one problem's parameters is made of.
+
+    Attributes:
+        matrix, factor: the Gauss-Newton matrix, and its Cholesky factor; not finite if it is singular.
+        root: of the covariance of the sum of the pulls.
+        positions: derivatives of the edges' positions.
+    """
+
+    matrix: Float[Tensor, "size size"]
+    factor: Float[Tensor, "size size"]
+    root: Float[Tensor, "size size"]
+    positions: Float[Tensor, "places size"]
+
+    @staticmethod
+    def of(matrix: Tensor, scatter: Tensor, positions: Tensor) -> _Spread:
+        matrix, positions = matrix.clone(), positions.clone()  # a product's rounding depends on where its factors lie
+        factor, failed = torch.linalg.cholesky_ex(matrix)
+        values, vectors = torch.linalg.eigh(scatter.clone())
+        root = vectors * values.clamp_min(0).sqrt()
+        return _Spread(matrix, factor.masked_fill(failed != 0, torch.nan), root, positions)
+
+    def plain(self, count: int) -> Float[Tensor, "size count"]:
+        """The directions that move the edges most, if the Gauss-Newton matrix were all; 0 where it is singular."""
+        found = self._turned(torch.cholesky_solve(self.root, self.factor), count)
+        # of either sign the same one, so that differences along it do not depend on rounding
+        sign = found.gather(0, found.abs().argmax(0, keepdim=True)).sign()
+        return torch.nn.functional.pad(found * sign, (0, count - found.shape[1])).nan_to_num(0.0, 0.0, 0.0)
+
+    def directions(
+        self,
+        lacking: Float[Tensor, "size size"],
+        few: Float[Tensor, "size few"],
+        bent: Float[Tensor, "size few"],
+        count: int,
+    ) -> Float[Tensor, "size count"]:
+        """The directions that move the edges most, at most so many; not finite where there are none.
+
+        Args:
+            lacking: what the Gauss-Newton matrix lacks.
+            few, bent: directions, and their products with what it lacks beside that.
+        """
+        used = few.abs().amax(0) > 0
+        if bool(used.any()):
+            lacking = lacking + spanned(self.matrix, few[:, used], bent[:, used])
+        if not bool(lacking.isfinite().all() & self.factor.isfinite().all()):
+            return torch.full_like(self.matrix, torch.nan)[:, :count]
+        return self._turned(softened(self.factor, lacking) @ self.root, count)
+
+    def _turned(self, root: Float[Tensor, "size size"], count: int) -> Float[Tensor, "size count"]:
+        """A root of the covariance, its columns in the order in which they move the edges."""
+        if not bool(root.isfinite().all()):
+            return root[:, :count]
+        moved = self.positions @ root
+        return root @ torch.linalg.eigh(moved.mT @ moved).eigenvectors.flip(-1)[:, :count]
 
 
 @torch.no_grad()

@@ -143,7 +143,8 @@ class PointRows:
         feet: in the points' own order.
         order: of the points, by panels.
         counts: how many are on each panel.
-        slope, distances, sums: in that order: Gauss-Newton weights, signed distances and what these are sums of.
+        slope, distances, directions, sums: in that order: Gauss-Newton weights, signed distances, the unit vectors that
+            they are measured along, and what they are sums of.
         table: derivatives of the samples that they are sums of.
         reach: as in `Linearised`.
     """
@@ -155,6 +156,7 @@ class PointRows:
     counts: Int[Tensor, "some panels"]
     slope: Float[Tensor, "some points"]
     distances: Float[Tensor, "some points"]
+    directions: Float[Tensor, "some points 3"]
     sums: Sums
     table: Float[Tensor, "some rows 3 columns"]
     reach: tuple[int, ...]
@@ -179,7 +181,7 @@ class PointRows:
         counts = torch.stack([(panel == i).sum(1) for i in range(len(linear.reach))], dim=1)
         sums = Sums.of(directions, own, shape.stations, edges.shape[1])
         table, reach = linear.table[problems], linear.reach
-        return PointRows(value, square, feet, order, counts, slope, distances, sums, table, reach)
+        return PointRows(value, square, feet, order, counts, slope, distances, directions, sums, table, reach)
 
     def reduced(self) -> Points:
         """Their part of the quadratic model."""
