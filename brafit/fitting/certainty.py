@@ -42,7 +42,7 @@ from brafit.geometry.development import FlatPanel
 
 ALTERNATIVES = 24
 """Directions of the covariance that are kept: those that move the edges most."""
-BENT = 4
+BENT = 2
 """Directions in which the bends of the objective are looked at: the least certain ones."""
 _TOGETHER = 400
 """Cups whose outlines are measured at once."""
@@ -128,9 +128,9 @@ def deviations(
     for problems in slices(objective):
         rows = PointRows.of(objective, linear, None, problems)
         parts.append(rows.reduced())
-        for pulls in Pulls.each(objective, linear, rows, problems):
-            scatter.append(pulls.scatter())
-            lacking.append(creases(pulls))
+        pulls = list(Pulls.each(objective, linear, rows, problems))
+        scatter += [one.scatter() for one in pulls]
+        lacking += creases(pulls)
     unasked = objective.unasked(linear.columns)
     held = (unasked[:, None] | unasked[..., None])[:, order][..., order]
     scatter, lacking = (
@@ -140,7 +140,7 @@ def deviations(
     positions = linear.table[:, : linear.shape.edges[0, ..., 0].numel()].flatten(1, 2)[..., order]
     spreads = [_Spread.of(*own) for own in zip(hessian, scatter, positions, strict=True)]
     few = torch.stack([spread.plain(BENT) for spread in spreads])
-    bent = bends(objective, flat, pressure, few)
+    bent = bends(objective, flat, pressure, linear, few)
     changes = flat.new_full((len(flat), count, flat.shape[1]), torch.nan)
     for k, spread in enumerate(spreads):
         directions = spread.directions(lacking[k], few[k], bent[k], count)
@@ -191,7 +191,9 @@ class _Spread:
 
         Args:
             lacking: what the Gauss-Newton matrix lacks.
-            few, bent: directions, and their products with what it lacks beside that.
+            few: directions.
+            bent: their products with what it lacks beside that.
+            count: directions at most.
         """
         used = few.abs().amax(0) > 0
         if bool(used.any()):

@@ -90,11 +90,13 @@ def normal_equations(
         near: feet at a place nearby, to be followed instead of a search; None: they are searched.
     """
     linear = objective.cup.linearise(flat, terms)
-    parts = []
-    for problems in slices(objective):
-        rows = PointRows.of(objective, linear, near, problems)
-        parts.append(rows.reduced())
-    return assembled(objective, flat, pressure, linear, Points.cat(parts))
+    return assembled(objective, flat, pressure, linear, points_of(objective, linear, near))
+
+
+@torch.no_grad()
+def points_of(objective: Objective, linear: Linearised, near: Feet | None = None) -> "Points":
+    """What the points of all problems add at cups and their derivatives; `near` as in `normal_equations`."""
+    return Points.cat([PointRows.of(objective, linear, near, problems).reduced() for problems in slices(objective)])
 
 
 @dataclass(frozen=True)

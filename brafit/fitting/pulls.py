@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,7 +15,8 @@ from torch import Tensor
 from brafit.cup.base import Linearised
 from brafit.fitting.normal import PointRows
 from brafit.fitting.objective import Objective
-from brafit.geometry.panels import Edges, Feet
+from brafit.geometry.panels import Feet
+from brafit.geometry.products import total
 
 _NEIGHBOURS = 8
 """Neighbours from which a point's pull is foretold."""
@@ -38,15 +40,15 @@ class Pulls:
         table: derivatives of its samples.
     """
 
-    points: Float[Tensor, "n 3"]
-    weights: Float[Tensor, " n"]
+    points: Float[Tensor, "points 3"]
+    weights: Float[Tensor, " points"]
     feet: Feet
-    directions: Float[Tensor, "n 3"]
-    distances: Float[Tensor, " n"]
-    slope: Float[Tensor, " n"]
-    jacobian: Float[Tensor, "n columns"]
-    edges: Edges
-    tangents: Edges
+    directions: Float[Tensor, "points 3"]
+    distances: Float[Tensor, " points"]
+    slope: Float[Tensor, " points"]
+    jacobian: Float[Tensor, "points columns"]
+    edges: Float[Tensor, "edges stations 3"]
+    tangents: Float[Tensor, "edges stations 3"]
     stations: Float[Tensor, " stations"]
     table: Float[Tensor, "rows 3 columns"]
 
@@ -89,31 +91,32 @@ class Pulls:
         return rest.mT @ rest
 
 
-def at(feet: Feet, index: Tensor | tuple[int, Tensor]) -> Feet:
+def at(feet: Feet, index: Any) -> Feet:
     """Some of the feet."""
     return Feet(*(getattr(feet, f.name)[index] for f in fields(Feet)))
 
 
 def _foretelling(
-    points: Float[Tensor, "n 3"], directions: Float[Tensor, "n 3"]
-) -> tuple[Int[Tensor, "n 1+k"], Float[Tensor, "n k"]]:
+    points: Float[Tensor, "points 3"], directions: Float[Tensor, "points 3"]
+) -> tuple[Int[Tensor, "points all"], Float[Tensor, "points others"]]:
     """Each point and its neighbours, and the share of each neighbour in the value that a plane through theirs has at
     the point, as seen along the point's direction.
     """
     places = points.cpu().numpy()
     near = np.asarray(KDTree(places, leafsize=_LEAF).query(places, k=_NEIGHBOURS + 1)[1])
     found = torch.as_tensor(near, device=points.device)
-    offset = points[found[:, 1:]] - points[:, None]
-    # two axes across the direction; the first is upright on the coordinate axis that is most across it
+    others = found[:, 1:].mT.contiguous()
+    offset = [own.take(others) - own for own in points.mT.contiguous()]
+    # two axes across the direction, the first of them upright on the coordinate axis that is most across it
     least = torch.nn.functional.one_hot(directions.abs().argmin(-1), 3).to(directions)
     first = torch.nn.functional.normalize(torch.linalg.cross(directions, least), dim=-1)
-    flat = (offset[..., None, :] * torch.stack((first, torch.linalg.cross(directions, first)), dim=1)[:, None]).sum(-1)
-    middle = flat.mean(1, keepdim=True)
-    x, y = (flat - middle).unbind(-1)
-    xx, xy, yy = (x * x).sum(1), (x * y).sum(1), (y * y).sum(1)
+    axes = first.mT.contiguous(), torch.linalg.cross(directions, first).mT.contiguous()
+    flat = [total([one * along for one, along in zip(offset, axis, strict=True)]) for axis in axes]
+    a, b = (total(list(one)) / _NEIGHBOURS for one in flat)
+    x, y = flat[0] - a, flat[1] - b
+    xx, xy, yy = (total(list(one)) for one in (x * x, x * y, y * y))
     least_width = _ROUND * (xx + yy)
     xx, yy = xx + least_width, yy + least_width
-    a, b = middle[:, 0].unbind(-1)
     scale = 1 / (xx * yy - xy * xy).clamp_min(1e-300)
-    along, across = scale * (yy * a - xy * b), scale * (xx * b - xy * a)
-    return found, 1 / _NEIGHBOURS - x * along[:, None] - y * across[:, None]
+    shares = 1 / _NEIGHBOURS - x * (scale * (yy * a - xy * b)) - y * (scale * (xx * b - xy * a))
+    return found, shares.mT

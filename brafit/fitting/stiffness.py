@@ -13,15 +13,20 @@ the gradient, the nearest points followed, along the few directions in which the
 
 from __future__ import annotations
 
-import torch
-from jaxtyping import Float
-from torch import Tensor
+from collections.abc import Iterator, Sequence
 
-from brafit.fitting.normal import normal_equations
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
+
+from brafit.cup.base import Linearised
+from brafit.fitting.normal import assembled, normal_equations, points_of
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.pulls import Pulls, at
+from brafit.fitting.targets import PADDED
 from brafit.geometry.nearest import project
-from brafit.geometry.panels import Feet, Sums, surface_points
+from brafit.geometry.panels import Feet, Sums
 from brafit.geometry.products import bmm
 
 Matrix = Float[Tensor, "size size"]
@@ -37,55 +42,80 @@ _SOFTEST = 0.25
 model of second order reaches."""
 
 
-def creases(pulls: Pulls) -> Float[Tensor, "columns columns"]:
-    """What the leaps of nearest points from panel to panel add to a problem's Hessian, columns as in `Linearised`."""
-    panels = pulls.edges.shape[0] - 1
-    matrix = pulls.jacobian.new_zeros(pulls.jacobian.shape[1], pulls.jacobian.shape[1])
-    for own in range(panels):
-        for other in (own - 1, own + 1):
-            if 0 <= other < panels:
-                matrix += _crease(pulls, own, other)
-    return matrix
+def creases(group: Sequence[Pulls]) -> list[Float[Tensor, "columns columns"]]:
+    """What the leaps of nearest points from panel to panel add to the Hessians of some problems, columns as in
+    `Linearised`.
+    """
+    matrices = [one.jacobian.new_zeros(one.jacobian.shape[1], one.jacobian.shape[1]) for one in group]
+    panels = len(group[0].edges) - 1 if group else 0
+    for own, other in [pair for ridge in range(1, panels) for pair in ((ridge - 1, ridge), (ridge, ridge - 1))]:
+        near = [_below(one, own, other) for one in group]
+        for k, (feet, directions, distances) in enumerate(_second_feet(group, near, other)):
+            if len(near[k]):
+                matrices[k] += _crease(group[k], near[k], feet, directions, distances)
+    return matrices
 
 
-def _crease(pulls: Pulls, own: int, other: int) -> Float[Tensor, "columns columns"]:
-    """The share of the points that have their nearest point in one panel, and another foot in another.
+def _below(pulls: Pulls, own: int, other: int) -> Int[Tensor, " some"]:
+    """Numbers of a panel's points that may have a second foot in the panel beside it."""
+    first, end = (int((pulls.feet.panel < panel).sum()) for panel in (own, own + 1))
+    feet = at(pulls.feet, slice(first, end))
+    ruling = (pulls.edges[own + 1] - pulls.edges[own]).norm(dim=-1)
+    away = (feet.u - float(other > own)).abs() * ruling[feet.interval]
+    close = away < _STEEPEST * pulls.distances[first:end].abs()
+    return first + (_inside(feet) & close).nonzero()[:, 0]
+
+
+def _second_feet(
+    group: Sequence[Pulls], near: Sequence[Tensor], other: int
+) -> Iterator[tuple[Feet, Float[Tensor, "some 3"], Float[Tensor, " some"]]]:
+    """Feet of some points of each problem in one panel, directions and distances."""
+    points = pad_sequence([one.points[some] for one, some in zip(group, near, strict=True)], batch_first=True)
+    # so that no rounding depends on the batch
+    points = torch.nn.functional.pad(points, (0, 0, 0, -points.shape[1] % PADDED))
+    both = slice(other, other + 2)
+    edges, tangents = (torch.stack([getattr(one, name)[both] for one in group]) for name in ("edges", "tangents"))
+    found = project(points, edges, tangents, group[0].stations)
+    for k, some in enumerate(near):
+        feet = at(found.feet, (k, slice(0, len(some))))
+        feet = Feet(feet.panel + other, feet.interval, feet.tau, feet.u)
+        yield feet, found.directions[k, : len(some)], found.distances[k, : len(some)]
+
+
+def _crease(
+    pulls: Pulls,
+    near: Int[Tensor, " some"],
+    feet: Feet,
+    directions: Float[Tensor, "some 3"],
+    there: Float[Tensor, " some"],
+) -> Float[Tensor, "columns columns"]:
+    """The share of some points with a second foot in the panel beside their own.
 
     The density of points over the difference d of their squared distances is needed at d = 0. It is taken from all of
     them whose two feet both lie inside the panels: a strip, whose width is known.
+
+    Args:
+        pulls: of the problem.
+        near: numbers of the points.
+        feet: second feet.
+        directions: unit vectors along which `there` is measured.
+        there: distances from the second feet.
     """
-    near = _below(pulls, own, other)
-    both = slice(other, other + 2)
-    found = project(pulls.points[near], pulls.edges[both], pulls.tangents[both], pulls.stations)
-    held = _inside(found.feet) & (found.distances * pulls.distances[near] > 0)
-    near, directions, there = near[held], found.directions[held], found.distances[held]
-    feet = at(found.feet, held)
-    feet = Feet(feet.panel + other, feet.interval, feet.tau, feet.u)
-    here = pulls.distances[near]
+    here, own = pulls.distances[near], pulls.directions[near]
     # of d in space, and the sine of half the angle between the panels
-    steep = 2 * (there[:, None] * directions - here[:, None] * pulls.directions[near]).norm(dim=-1)
-    sine = 0.5 * (pulls.directions[near] - directions).norm(dim=-1)
+    steep = 2 * (there[:, None] * directions - here[:, None] * own).norm(dim=-1)
+    sine = 0.5 * (own - directions).norm(dim=-1)
     strip = 0.5 * (here.abs() + there.abs()) * sine / (1 - sine.square()).clamp_min(0.1)
     off = (there.square() - here.square()) / steep.clamp_min(1e-30)
-    used = (off < strip) & (sine > 1e-6)
+    used = _inside(feet) & (there * here > 0) & (off < strip) & (sine > 1e-6)
     density = torch.where(used, 0.5 / (strip * steep).clamp_min(1e-30), 0.0)
     sums = Sums.of(directions, feet, pulls.stations, len(pulls.edges))
     gradient = 2 * (there[:, None] * sums.jacobian(pulls.table) - here[:, None] * pulls.jacobian[near])
-    weight = (0.5 * pulls.slope[near] * density).to(pulls.jacobian)
-    gradient = gradient.to(pulls.jacobian)
+    gradient, weight = gradient.to(pulls.jacobian), (0.5 * pulls.slope[near] * density).to(pulls.jacobian)
     return -gradient.mT @ (gradient * weight[:, None])
 
 
-def _below(pulls: Pulls, own: int, other: int) -> Tensor:
-    """Numbers of a panel's points that may have a second foot in another panel."""
-    feet = pulls.feet
-    ridge = Feet(feet.panel, feet.interval, feet.tau, torch.full_like(feet.u, float(other > own)))
-    foot, end = (surface_points(pulls.edges, pulls.tangents, pulls.stations, at) for at in (feet, ridge))
-    close = (foot - end).norm(dim=-1) < _STEEPEST * pulls.distances.abs()
-    return ((feet.panel == own) & _inside(feet) & close).nonzero()[:, 0]
-
-
-def _inside(feet: Feet) -> Tensor:
+def _inside(feet: Feet) -> Bool[Tensor, " some"]:
     return (feet.u > 0) & (feet.u < 1)
 
 
@@ -93,6 +123,7 @@ def bends(
     objective: Objective,
     flat: Float[Tensor, "batch size"],
     pressure: Pressure,
+    linear: Linearised,
     directions: Float[Tensor, "batch size few"],
 ) -> Float[Tensor, "batch size few"]:
     """What the Gauss-Newton matrices lack of the smooth Hessians, times directions.
@@ -101,10 +132,11 @@ def bends(
         objective: the problems.
         flat: their parameters.
         pressure: weights of constraints, barrier and neckline.
+        linear: the cups at `flat` and their derivatives.
         directions: changes of the parameters, each by a standard deviation.
     """
     thin = objective.thinned(PATCHES)
-    here = normal_equations(thin, flat, pressure)
+    here = assembled(thin, flat, pressure, linear, points_of(thin, linear))
     result = []
     for change in directions.unbind(-1):
         there = normal_equations(thin, flat + _STEP * change, pressure, near=here.feet)
