@@ -149,7 +149,7 @@ class Problem:
         return value.detach(), gradient.detach(), matrix
 
     def matrix(self, flat: Flat, kind: Kind) -> Matrix:
-        """The full Hessian, or the Gauss-Newton matrix, which is what solvers and `brafit.fitting.certainty` use."""
+        """The full Hessian, or the Gauss-Newton matrix, which is what solvers use."""
         if kind == "full":
             return self.hessian(flat)[2]
         return normal_equations(self.objective, flat, self.pressure).matrix
