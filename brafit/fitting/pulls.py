@@ -18,7 +18,7 @@ from brafit.fitting.objective import Objective
 from brafit.geometry.panels import Feet
 from brafit.geometry.products import total
 
-_NEIGHBOURS = 8
+_NEIGHBOURS = 5
 """Neighbours from which a point's pull is foretold."""
 _LEAF = 16
 """Points in a leaf of the tree that finds them."""

@@ -35,7 +35,7 @@ PATCHES = 400
 """Patches of each cloud whose pulls tell how the gradient bends."""
 _STEP = 0.3
 """How far the differences of the gradient reach, in standard deviations."""
-_STEEPEST = 2.0
+_STEEPEST = 6.0
 """A point farther from a ridge than so many times its depth in the cup is near no crease."""
 _SOFTEST = 0.25
 """Least share of the Gauss-Newton matrix's stiffness that is believed. Where less is left, the cup moves farther than a
