@@ -91,7 +91,7 @@ def _check_one_exists(paths: Sequence[Path]) -> None:
     """Refuse a run of files none of which is there; one among others that are is the failure of one scan."""
     if not any(path.exists() for path in paths):
         first, *others = paths
-        also = f", and neither is any of the {len(others)} others named" if others else ""
+        also = f", and none of the {len(paths)} files named exists" if others else ""
         raise InputError(first, f"there is no such file{also}", "Check the path")
 
 
