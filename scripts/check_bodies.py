@@ -19,7 +19,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,6 @@ import numpy as np
 from brafit.anatomy.confidence import doubt
 from brafit.atomic import write_text
 from brafit.cloud.ply import cloud_ply
-from brafit.cloud.read import Cloud
 from brafit.errors import InputError
 from brafit.scan import Scan, load_sides
 from brafit.simulation.bodies import KINDS, Bodies, Marks
@@ -133,7 +132,7 @@ Job = tuple[str, int, int]
 """A kind, which body of it, and the seed."""
 
 
-def scanned(job: Job) -> tuple[Cloud, dict[str, Marks | None]]:
+def scanned(job: Job) -> tuple[np.ndarray, dict[str, Marks | None]]:
     """The scan of the k-th body of a kind, and its marks."""
     kind, k, seed = job
     what = KINDS[kind]
@@ -196,20 +195,23 @@ def _stem(job: Job) -> str:
 def _fitted(name: str, kind: str, side: str, content: dict[str, Any], truth: dict[str, list[float]] | None) -> Outcome:
     """What a fit.json says of a side."""
     if content["status"] != "ok":
-        reason = re.sub(r"^.*?\.ply: ", "", content["reason"])
+        reason = re.sub(r"^.*?\.ply: ", "", content["reason"]).partition(". ")[0]
         unlike = content["iterations"] is not None
         return Outcome(name, kind, side, truth is not None, reason, unlike=unlike, rms=content["rms_mm"])
     warnings = content["warnings"] + content["pattern"]["warnings"]
     doubts = [words for words in warnings if words.startswith(DOUBTFUL)]
     said = tuple(words for words in warnings if not words.startswith((DOUBTFUL, GENERAL)))
-    fit = {"said": said, "rms": content["rms_mm"], "largest": content["max_mm"]}
+    fitted = Outcome(
+        name, kind, side, truth is not None, warning="; ".join(doubts), said=said, rms=content["rms_mm"],
+        largest=content["max_mm"],
+    )  # fmt: skip
     if truth is None:
-        return Outcome(name, kind, side, False, warning="; ".join(doubts), **fit)
+        return fitted
     wire, frame = content["wire"], content["frame"]
     ends = wire["mm_per_unit"] * np.polynomial.chebyshev.chebval([-1.0, 1.0], np.asarray(wire["series"])).T
     places = np.stack([content["landmarks"]["apex"], *ends]) @ np.asarray(frame["axes"]) + frame["origin"]
     off = np.linalg.norm(places - [truth[mark] for mark in ("apex", "inner_end", "outer_end")], axis=1)
-    return Outcome(name, kind, side, True, "", "; ".join(doubts), *map(float, off), **fit)
+    return replace(fitted, apex=float(off[0]), inner=float(off[1]), outer=float(off[2]))
 
 
 def _outcome(name: str, kind: str, side: str, scan: Scan | InputError, truth: Marks | None) -> Outcome:
@@ -219,8 +221,8 @@ def _outcome(name: str, kind: str, side: str, scan: Scan | InputError, truth: Ma
     if truth is None or scan.apex is None:
         return Outcome(name, kind, side, truth is not None, warning=warning)
     places = {"apex": scan.apex, "inner_end": scan.wire[0], "outer_end": scan.wire[-1]}
-    off = (float(np.linalg.norm(scan.frame.to_scan(place) - truth[mark])) for mark, place in places.items())
-    return Outcome(name, kind, side, True, "", warning, *off)
+    off = [float(np.linalg.norm(scan.frame.to_scan(place) - truth[mark])) for mark, place in places.items()]
+    return Outcome(name, kind, side, True, "", warning, off[0], off[1], off[2])
 
 
 def _line(one: Outcome) -> str:

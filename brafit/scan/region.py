@@ -103,11 +103,12 @@ class Gathering:
         own, other = region.holds(points), region.mirrored(self.marked.whole.mirror).holds(points)
         if other.sum() < MIN_POINTS:
             return None
-        clouds = [_grid(frame.to_cup(points[own])), _grid(frame.to_cup(self.marked.whole.mirror(points[other])))]
-        rms = breasts_apart(*clouds, frame.to_cup(region.middle), region.length, self.outliers, self.neighbours)
+        one = _grid(frame.to_cup(points[own]))
+        image = _grid(frame.to_cup(self.marked.whole.mirror(points[other])))
+        rms = breasts_apart(one, image, frame.to_cup(region.middle), region.length, self.outliers, self.neighbours)
         if rms >= ALIKE:
             return None
-        return _Both(frame, marks.side, own, other, self._tidied(np.concatenate(clouds)), rms)
+        return _Both(frame, marks.side, own, other, self._tidied(np.concatenate([one, image])), rms)
 
     def _tidied(self, points: np.ndarray, inside: np.ndarray | None = None) -> Tidy:
         return tidy(points, inside, outliers=self.outliers, neighbours=self.neighbours)

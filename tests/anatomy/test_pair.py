@@ -78,6 +78,8 @@ def test_both_sides_one_side_and_the_mirrored_file_give_one_cup(alike):
         assert isinstance(scan, Scan)
         np.testing.assert_allclose(scan.points, first.points, atol=1e-6)
         np.testing.assert_allclose(scan.wire, first.wire, atol=1e-6)
+        assert scan.neckline is not None
+        assert first.neckline is not None
         np.testing.assert_allclose(scan.neckline, first.neckline, atol=1e-6)
 
 
@@ -98,7 +100,7 @@ def test_impossible_marks_of_one_side_do_not_count_in_the_pair(alike, proposed):
     body, _ = body_and_trunk(alike)
     mirror, found = mirror_of(alike), found_on(alike, proposed, body, lower=20.0)
     trusted = confidences(body, found)
-    impossible = Confidence("left", trusted[0].evidence | {"guessed": 1.0})
+    impossible = Confidence("left", {**trusted[0].evidence, "guessed": 1.0})
     (left, right), told = one_pair(mirror, body, found, [impossible, trusted[1]])
     np.testing.assert_allclose(right.wire.wire, found[1].wire.wire, atol=1e-9)
     np.testing.assert_allclose(left.wire.wire, mirror(found[1].wire.wire), atol=1e-9)
