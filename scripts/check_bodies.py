@@ -41,6 +41,7 @@ POINTS, POINTS_WHOLE = 60_000, 120_000
 NOISE, STRAYS = 0.3, 0.01
 COMMAND = ("scan.propose=true", "scan.side=both", "experiment=lean")
 """Settings with which bodies are fitted."""
+PRONE = "prone, cut off behind"
 DOUBTFUL, GENERAL = "the landmarks are proposed, and doubtful", "nobody has looked at the proposed landmarks"
 """How the warnings of landmarks begin."""
 FRONT = 0.3
@@ -240,7 +241,7 @@ def report(found: Sequence[Outcome], command: str) -> str:
     kinds = [kind for kind in KINDS if any(one.kind == kind for one in found)]
     rows = [
         "Of proposed landmarks `brafit` always warns: of doubtful ones with what is unusual, of the others in general",
-        "words, with how far landmarks lay off in this table.",
+        f"words, with how far such landmarks lay off here, but for prone bodies: {_off(found)}.",
         "",
         "| kind | breasts | nothing unusual | doubtful | refused | apex off: median, 95 %, largest "
         "| ends off: median, largest "
@@ -249,6 +250,7 @@ def report(found: Sequence[Outcome], command: str) -> str:
         *(_row(kind, [one for one in found if one.kind == kind]) for kind in kinds),
         _row("all", found),
     ]
+    fits = any(one.rms is not None for one in found)
     reasons = Counter(_plain(one.reason) for one in found if one.reason)
     wrong = [f"- {_line(one)}" for one in found if one.wrong and not one.warning]
     refused = [f"- {_line(one)}" for one in found if one.reason and one.breast]
@@ -262,6 +264,7 @@ def report(found: Sequence[Outcome], command: str) -> str:
         f"Wrong is an apex off by more than {APEX_LIMIT:g}, an end of the wire off by more than {ENDS_LIMIT:g}, or "
         "landmarks where there is no breast.",
         "",
+        *["Refused includes fits that failed, which the second table parts.", ""] * fits,
         *rows,
         "",
         "Reasons of what was refused (N stands for a number):",
@@ -276,8 +279,16 @@ def report(found: Sequence[Outcome], command: str) -> str:
         "",
         *refused,
         "",
-        *(_fits(kinds, found) if any(one.rms is not None for one in found) else []),
+        *(_fits(kinds, found) if fits else []),
     ])  # fmt: skip
+
+
+def _off(found: Sequence[Outcome]) -> str:
+    """How far landmarks lay off of which nothing unusual is told: what `brafit.anatomy.confidence.OFF` says."""
+    told = [one for one in found if one.apex is not None and not one.warning and one.kind != PRONE]
+    ends = [max(one.inner or 0.0, one.outer or 0.0) for one in told]
+    apexes = [one.apex for one in told if one.apex is not None]
+    return f"apexes {_quantiles(apexes, (0.5, 1.0))}, ends {_quantiles(ends, (0.5, 1.0))} (median, largest)"
 
 
 def _fits(kinds: Sequence[str], found: Sequence[Outcome]) -> list[str]:

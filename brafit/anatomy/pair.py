@@ -114,8 +114,9 @@ def one_pair(
 ) -> tuple[list[Breast], list[Confidence]]:
     """The marks of two breasts that are alike, as one pair of mirror images, and how far they can be trusted.
 
-    The mean of both sides' marks; the marks of one side alone, where those of the other are impossible. On parametric
-    bodies the mean lies nearer to the truth than either side, or than the side of the greater confidence.
+    The mean of both sides' marks; the marks of one side alone, where those of the other are impossible. On 21
+    parametric bodies the ends of the mean are off by 11 and 16 mm (RMS), those of either side by 12 and 17, and so are
+    those of the side with the greater confidence. A wire found on the points of both together is farther off.
 
     Args:
         mirror: the plane between the two.
