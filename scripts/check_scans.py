@@ -201,16 +201,28 @@ def report_sides(folder: Path, _: Path) -> None:
     )
     names = sorted((folder / "torsos").glob("anny*.ply"))
     names += [path for path, breast in simulated(folder) if breast.stem.startswith("anny")]
-    for path in names:
-        marks = _marks_of(folder, path)
-        left, right = (load_scan(path, side=side, landmarks=marks) for side in ("left", "right"))
-        exact = _mirrored(path, marks)
+    for path, proposed in ((path, proposed) for path in names for proposed in (False, True)):
+        left, right, exact = _sides_proposed(path) if proposed else _sides_given(path, _marks_of(folder, path))
+        how = "proposed" if proposed else "given"
         for panels in PANELS:
             one, other, image = fitted([target_of(scan) for scan in (left, right, exact)], panels)
             print(
-                f"  {path.stem:10} {panels} panels {patterns_apart(one, other):.3f}  {apart(one, other)[0]:.3f}"
-                f"   {patterns_apart(one, image):.1e}"
+                f"  {path.stem:10} {how:8} {panels} panels {patterns_apart(one, other):.3f}"
+                f"  {apart(one, other)[0]:.3f}   {patterns_apart(one, image):.1e}"
             )
+
+
+def _sides_given(path: Path, marks: Path) -> list[Scan]:
+    """The left and the right breast, and the mirror image of the left one, by the marks given of one."""
+    return [*(load_scan(path, side=side, landmarks=marks) for side in ("left", "right")), _mirrored(path, marks)]
+
+
+def _sides_proposed(path: Path) -> list[Scan]:
+    """The same by marks proposed on each file, and each side loaded by itself."""
+    cloud, nowhere = read_cloud(path), Path("no_marks.json")
+    flipped = replace(cloud, points=cloud.points * np.array([-1.0, 1.0, 1.0]))
+    sides = ((cloud, "left"), (cloud, "right"), (flipped, "right"))
+    return [load_scan(own, side=side, landmarks=nowhere, propose=True) for own, side in sides]
 
 
 def _mirrored(path: Path, marks: Path) -> Scan:

@@ -13,11 +13,11 @@ from brafit.landmarks import landmarks_path
 FRONT = np.array([0.0, 0.0, 1.0])
 
 
-def torso(left: float = 30.0, n: int = 90_000) -> np.ndarray:
-    """An ellipsoid as a trunk (x left, y up, z front) with two bumps, the left one so much high."""
+def torso(left: float = 30.0, n: int = 90_000, right: float = 30.0) -> np.ndarray:
+    """An ellipsoid as a trunk (x left, y up, z front) with two bumps, so much high."""
     ball = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
     body = ball.vertices * [170.0, 320.0, 110.0]
-    for sign, height in ((1, left), (-1, 30.0)):
+    for sign, height in ((1, left), (-1, right)):
         away = ((body[:, 0] - 75 * sign) ** 2 + (body[:, 1] - 40) ** 2) / 45**2
         body[:, 2] += np.where(body[:, 2] > 0, height * np.exp(-away), 0)
     return sample_faces(body, ball.faces, n)

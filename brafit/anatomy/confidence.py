@@ -75,6 +75,8 @@ OF_APEX = ("rise", "apex_out", "apex_off", "level", "mirrored")
 """Evidence on the apex; all other is on the wire."""
 SHARES = ("guessed", "crease")
 """Evidence that is no length."""
+A_SIZE = 15.0
+"""By how much (mm) wires that are sold grow from size to size."""
 BOUNDS: Mapping[str, Bound] = {
     "rise": Bound(
         "the body rises by {value} at the apex over what is about it, where a breast does by 13 and more",
@@ -100,6 +102,10 @@ BOUNDS: Mapping[str, Bound] = {
     "level": Bound("the two sides disagree: one apex is {value} higher than the other", (0.0, 20.0), (0.0, 60.0)),
     "mirrored": Bound("the two sides disagree: the apexes are {value} from being mirror images", (0.0, 35.0)),
     "wires": Bound("the two sides disagree: the wires are up to {value} from being mirror images", (0.0, 16.0)),
+    "longer": Bound(
+        "the wires of the two sides differ by more than a size: {value}",
+        (-A_SIZE, A_SIZE),
+    ),
 }
 """By the name of the evidence; lengths in mm. Read off 60 parametric bodies of the kinds of `scripts/check_bodies.py`
 (other seeds) and scans of 14 breasts:
@@ -117,6 +123,7 @@ BOUNDS: Mapping[str, Bound] = {
 | crease | 0.6 to 1; beside half a breast 0.34 | a missing breast 0 to 0.17 |
 | level | to 8 | 60 to 140 beside a missing breast |
 | mirrored | to 3; beside half a breast 25 to 46 | |
+| longer | to 11 where the breasts are alike; beside half a breast to 20 | |
 | wires | to 16; beside half a breast 20 to 86 | 21 and more where one end is off by more than 30 |
 """
 
@@ -158,6 +165,10 @@ class Confidence:
     def sentence(self, key: str) -> str:
         """What is said of a piece of evidence, with its value."""
         value = self.evidence[key]
+        if key == "longer":
+            lengths = [self.evidence["wire"], self.evidence["wire"] - value]
+            left, right = lengths if self.side == "left" else reversed(lengths)
+            return BOUNDS[key].sentence(f"left {left:.0f} mm, right {right:.0f} mm")
         shown = f"{100 * value:.0f} %" if key in SHARES else f"{value:.0f} mm"
         return BOUNDS[key].sentence(shown, self.side)
 
@@ -236,33 +247,40 @@ def refusal(path: Path, found: Sequence[Confidence], how: str = "proposed") -> I
     return InputError(path, cause, "Mark them by hand, on a page of brafit-mark")
 
 
-OFF = "give or take 3 mm at the apex and 14 mm at the wire's ends, on some bodies 13 and 29 mm"
+OFF = "give or take 3 mm at the apex and 15 mm at the wire's ends, on some bodies 12 and 28 mm"
 """How far proposed landmarks that nothing unusual was told of lay off the truth on 220 made bodies, median and largest
 (docs/proposals.md)."""
 
 
-def warning(found: Confidence, how: str = "proposed") -> Remark | None:
+def warning(found: Confidence, how: str = "proposed", *, shown: bool = False) -> Remark | None:
     """What is said of marks that nobody looked at: their doubts; of proposed ones without any, how far such lie off all
     the same. None for mirrored ones without doubts.
 
     Args:
         found: what speaks for the marks of one breast.
         how: where the marks are from, `proposed` or `mirrored`.
+        shown: whoever reads it sees them already.
     """
-    if words := doubt(found, how):
+    if words := doubt(found, how, shown=shown):
         return Remark("doubtful_landmarks", words)
-    words = f"nobody has looked at the proposed landmarks, {OFF}: look at them with brafit-inspect"
+    words = f"nobody has looked at the proposed landmarks, {OFF}: {_remedy(shown)}"
     return Remark("unseen_landmarks", words) if how == "proposed" else None
 
 
-def doubt(found: Confidence, how: str = "proposed") -> str:
+def doubt(found: Confidence, how: str = "proposed", *, shown: bool = False) -> str:
     """The warning of marks that are unusual, in one line; empty where they are not.
 
     Args:
         found: what speaks for the marks of one breast.
         how: where the marks are from, `proposed` or `mirrored`.
+        shown: whoever reads it sees them already.
     """
     if not found.doubts:
         return ""
     told = f"the landmarks are {how}, and doubtful (confidence {found.value:.1f})"
-    return f"{told}: {'; '.join(found.doubts)}. Look at them with brafit-inspect, mark by hand what is wrong"
+    more = "" if shown else ", mark by hand what is wrong"
+    return f"{told}: {'; '.join(found.doubts)}. {_remedy(shown).capitalize()}{more}"
+
+
+def _remedy(shown: bool) -> str:
+    return "mark by hand what is wrong" if shown else "look at them with brafit-inspect"

@@ -5,7 +5,6 @@ Rules and figures are those of 14 breasts (parametric bodies, a mean of standing
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,7 +22,8 @@ from brafit.anatomy.body import (
     neck_of,
     shoulders,
 )
-from brafit.anatomy.confidence import Confidence, compared, evidence, refusal
+from brafit.anatomy.confidence import Confidence, evidence, refusal
+from brafit.anatomy.pair import Breast, are_alike, confidences, one_pair, trunk_of
 from brafit.anatomy.wire_detection import Wire, concavity, laid, plainness, trace
 from brafit.errors import InputError
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
@@ -31,10 +31,8 @@ from brafit.surface.cleaning import averaged, inliers
 from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.neighbours import Neighbours
 from brafit.surface.normals import Surface, settle
-from brafit.surface.symmetry import Mirror
+from brafit.surface.symmetry import Mirror, mirror_of
 
-ARM = 12.0
-"""What is so much (mm) farther outwards than the wire may be an arm: no neckline is laid on it."""
 OF_WIRES = ("wire", "guessed", "inner_out", "inner_usual", "outer_usual")
 """Evidence that is of a wire's shape alone."""
 WHOLE = 60_000
@@ -69,18 +67,6 @@ class Proposal:
     confidence: Confidence
 
 
-@dataclass(frozen=True, eq=False)
-class _Breast:
-    """What was found of one breast, in the scan's frame."""
-
-    side: str
-    apex: np.ndarray
-    wire: Wire
-    strap: np.ndarray
-    upper_line: np.ndarray
-    surface: Surface
-
-
 def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Landmarks]:
     """The landmarks of those breasts of a torso (mm) that there are, see `proposals`.
 
@@ -98,13 +84,15 @@ def proposed_landmarks(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Lan
     return possible
 
 
-def proposals(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Proposal]:
+def proposals(path: Path, points: Float[np.ndarray, "n 3"], mirror: Mirror | None = None) -> list[Proposal]:
     """Landmarks of both sides of a standing torso (mm), marked as proposed: apex, wire and its ends, strap point, upper
-    line. Where there is no breast they are proposed as well, and their confidence says so.
+    line. Those of breasts that are alike are mirror images. Where there is no breast they are proposed as well, and
+    their confidence says so.
 
     Args:
         path: the cloud's file; errors name it, and the landmarks' path is beside it.
         points: of the whole torso, in the scan's frame.
+        mirror: its plane of symmetry, where that is known already.
 
     Raises:
         InputError: it is no torso.
@@ -113,27 +101,19 @@ def proposals(path: Path, points: Float[np.ndarray, "n 3"]) -> list[Proposal]:
     if size < TORSO_SIZE:
         cause = f"is {size:.0f} mm across, which is no whole torso: landmarks can be proposed on a torso only"
         raise InputError(path, cause, f"Write {landmarks_path(path).name} by hand, or scan the whole torso")
-    body, points = body_and_trunk(points)
-    found = _breasts(points, body)
+    body, trunk = body_and_trunk(points)
+    found = _breasts(trunk, body)
+    trusted = confidences(body, found)
+    sound = [breast for breast, one in zip(found, trusted, strict=True) if not one.faults]
+    if sound:
+        mirror = mirror or mirror_of(points)
+        if are_alike(points, mirror, body, sound[0]):
+            found, trusted = one_pair(mirror, body, found, trusted)
+            first = _marks(path, found[0], body)
+            both = [first, first.mapped(mirror, side=found[1].side)]
+            return [Proposal(*pair) for pair in zip(both, trusted, strict=True)]
     marks = [_marks(path, breast, body) for breast in found]
-    return [Proposal(*pair) for pair in zip(marks, _confidences(body, found), strict=True)]
-
-
-def _confidences(body: Body, found: Sequence[_Breast]) -> list[Confidence]:
-    """Of both sides. Where one side has no breast the two are not compared; where they are too far apart to be a pair,
-    the side that rises less is none.
-    """
-    alone = [Confidence(b.side, evidence(b.surface, body, b.side, b.apex, b.wire.wire)) for b in found]
-    if any(one.faults for one in alone):
-        return alone
-    pair = compared(body, {b.side: b.apex for b in found}, {b.side: b.wire.wire for b in found})
-    deepest = max(max(b.wire.hollow for b in found), 1e-9)
-    shares = [{"crease": max(b.wire.hollow, 0.0) / deepest} for b in found]
-    both = [Confidence(one.side, {**one.evidence, **pair, **share}) for one, share in zip(alone, shares, strict=True)]
-    faulty = [one for one in both if one.faults]
-    if len(faulty) == 2:  # too far apart to be a pair
-        faulty = [min(both, key=lambda one: one.evidence["rise"])]
-    return [one if one in faulty or not faulty else only for one, only in zip(both, alone, strict=True)]
+    return [Proposal(*pair) for pair in zip(marks, trusted, strict=True)]
 
 
 def judged(points: Float[np.ndarray, "n 3"], marks: Landmarks, mirror: Mirror, *, looked_at: bool) -> Confidence | None:
@@ -165,7 +145,7 @@ def judged(points: Float[np.ndarray, "n 3"], marks: Landmarks, mirror: Mirror, *
     return Confidence(marks.side, {key: value for key, value in found.items() if not (looked_at and key in OF_WIRES)})
 
 
-def _marks(path: Path, breast: _Breast, body: Body) -> Landmarks:
+def _marks(path: Path, breast: Breast, body: Body) -> Landmarks:
     wire = breast.wire.wire
     named = {"inner_end": wire[0], "outer_end": wire[-1], "wire_bottom": _lowest(wire, body.up)}
     named |= {"apex": breast.apex, "strap_point": breast.strap}
@@ -228,7 +208,7 @@ def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
     return -float(np.clip(concavity(surface, 14.0, np.flatnonzero(above)), 0, None).mean()) if above.any() else -1.0
 
 
-def _breasts(points: np.ndarray, body: Body) -> list[_Breast]:
+def _breasts(points: np.ndarray, body: Body) -> list[Breast]:
     """What there is on both sides, at about the same height: that of the plainer breast."""
     first = {side: apex_on(points, body, side) for side in SIDES}
     heights = {side: float(apex @ body.up) for side, (apex, _) in first.items()}
@@ -238,15 +218,14 @@ def _breasts(points: np.ndarray, body: Body) -> list[_Breast]:
     return [_breast(points, body, side, *first[side]) for side in SIDES]
 
 
-def _breast(points: np.ndarray, body: Body, side: str, apex: np.ndarray, surface: Surface) -> _Breast:
+def _breast(points: np.ndarray, body: Body, side: str, apex: np.ndarray, surface: Surface) -> Breast:
     apex = nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side)
     wire = _on_its_side(_wire(surface, apex, body, side), body, side)
     front = facing(wire.wire, body.front)
-    beside = float(body.away(wire.wire, side).max()) + ARM
-    trunk = surface.select(body.away(surface.points, side) < beside)
+    trunk = trunk_of(surface, wire.wire, body, side)
     strap = _strap(trunk, wire.wire, apex, _shoulder(points, apex, body, side), front, body)
     upper = neckline_over(trunk, wire.wire[0], strap, wire.wire[-1], front)
-    return _Breast(side, apex, wire, strap, upper, surface)
+    return Breast(side, apex, wire, strap, upper, surface)
 
 
 def _bust_point(points: np.ndarray, body: Body, side: str) -> tuple[np.ndarray, Surface]:

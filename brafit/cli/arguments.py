@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from brafit.errors import ConfigError
-from brafit.settings.compose import readable_settings
+from brafit.settings.compose import readable_settings, settings_called
 from brafit.settings.quoting import listed
 from brafit.settings.schema import Config
 
@@ -19,6 +19,10 @@ WITH_VALUE = frozenset(
     }
 )  # fmt: skip
 """Options of Hydra that take the next word as their value."""
+OPTIONS = WITH_VALUE | {
+    "--help", "--hydra-help", "--version", "--resolve", "--run", "--multirun", "--shell-completion", "--info",
+}  # fmt: skip
+"""The long options of Hydra; what an option begins with means it too."""
 _SETTING = re.compile(r"[+~]*[^\W\d][\w./@-]*(=.*)?", re.DOTALL)
 
 
@@ -33,8 +37,7 @@ def prepared(arguments: Sequence[str]) -> list[str]:
     settings = [word for word in words if is_setting(word)]
     named = next((text for text in settings if text.partition("=")[0] == "scans"), None)
     for word in options:
-        if (name := word.lstrip("-").replace("-", "_").partition("=")[0]) in _names():
-            raise ConfigError(f"{word}: settings have no dashes, write {name}=VALUE")
+        _check_option(word)
     for path in paths:
         if path in _names() and not Path(path).exists():
             raise ConfigError(f"{path}: there is no such file or folder; a setting needs its value: {path}=VALUE")
@@ -43,6 +46,22 @@ def prepared(arguments: Sequence[str]) -> list[str]:
         if named:
             raise ConfigError(f"{path} and {named} both name scans; write one list: brafit PATH PATH ...")
     return [*readable_settings(settings), *[f"scans={listed(paths)}"] * bool(paths), *options]
+
+
+def _check_option(word: str) -> None:
+    """Refuse an option that is none: a setting with dashes, most likely.
+
+    Raises:
+        ConfigError: names the setting that is meant, if there is one like it.
+    """
+    option, equals, value = word.partition("=")
+    if not option.startswith("--") or any(known.startswith(option) for known in OPTIONS):
+        return
+    name = option.lstrip("-").replace("-", "_")
+    found = [name] if name.partition(".")[0] in _names() else settings_called(name)
+    if found:
+        raise ConfigError(f"{word}: settings have no dashes, write {found[0]}={value if equals else 'VALUE'}")
+    raise ConfigError(f"{word}: there is no such option, and no setting of that name; brafit --help shows all settings")
 
 
 def is_setting(word: str) -> bool:

@@ -25,7 +25,21 @@ from brafit.geometry.polyline import polyline_length
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_breasts
 from brafit.landmarks.units import MILLIMETRES, body_unit
 from brafit.scan import Scan, find_scans, load_sides, scan_names
+from brafit.surface.cleaning import Cleaning
 from brafit.underwires.nearest import nearest_wire
+
+_TAKEN = {
+    "other_side": "added of the other breast",
+    "not_finite": "without a place",
+    "elsewhere": "far from the breast",
+    "duplicates": "repeated",
+    "outliers": "outliers",
+    "off_surface": "floating",
+    "islands": "in small parts",
+    "outside": "outside of wire and upper line",
+    "thinned": "merged with others",
+}
+"""What each step of the cleaning says of the points that it took."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -155,26 +169,33 @@ def _origins(scan: Scan) -> dict[str, str]:
 
 
 def _facts(scan: Scan) -> list[str]:
-    origin, steps = scan.origin, asdict(scan.cleaning)
+    origin = scan.origin
     guessed = "" if origin.wire_guessed is None else f", {100 * origin.wire_guessed:.0f} % of it guessed"
     length = polyline_length(scan.wire)
-    counts = ", ".join(f"{key} {round(value, 2)}" for key, value in steps.items() if value is not None)
     return [
         f"landmarks {origin.marks}, wire {origin.wire}{guessed} ({length:.0f} mm), upper line {origin.neckline}",
         f"nearest wire sold {nearest_wire(scan.wire)}",
         f"unit {scan.units.cloud}{f' (found from {scan.units.found})' if scan.units.found else ''}",
-        f"points: {counts}",
+        f"points: {_counts(scan.cleaning)}",
         *(["without points: " + f"{100 * scan.gap_share:.0f} % of the cup"] if scan.gap_share else []),
         *_doubts(scan),
-        *map(str, scan.notes),
+        *(str(note) for note in scan.notes if note.code != "guessed_marks"),  # told above, and to be seen
     ]
+
+
+def _counts(steps: Cleaning) -> str:
+    """What became of the points, in words: what took none is left out."""
+    taken = [f"{count:,} {_TAKEN[key]}" for key, count in asdict(steps).items() if key in _TAKEN and count]
+    voxels = f", averaged in voxels of {steps.voxel_mm:.1f} mm" if steps.voxel_mm else ""
+    noise = "" if steps.scatter_mm is None else f"; they scatter by {steps.scatter_mm:.2f} mm about their surface"
+    return ", ".join([f"{steps.read:,} read", *taken, f"{steps.used:,} used{voxels}"]) + noise
 
 
 def _doubts(scan: Scan) -> list[str]:
     """How far landmarks that nobody looked at can be trusted."""
     if scan.confidence is None:
         return []
-    told = warning(scan.confidence, scan.origin.marks)
+    told = warning(scan.confidence, scan.origin.marks, shown=True)
     return ["nothing about the mirrored landmarks is unusual" if told is None else str(told)]
 
 

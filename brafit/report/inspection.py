@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 
 import numpy as np
@@ -13,6 +14,8 @@ from numpy import ndarray
 
 SHOWN = 40_000
 """Points drawn of each kind at most."""
+LETTERS, LINE = 185, 0.16
+"""Letters in a line of text, and its height in inches."""
 _KINDS = {
     "rest": ("#c4c8ce", 0.4, "not of this breast"),
     "cup": ("#2f6db3", 1.6, "points of the cup"),
@@ -21,6 +24,8 @@ _KINDS = {
 }
 _MARKS = {"apex": "*", "strap_point": "D", "inner_end": "<", "outer_end": ">"}
 """Signs of the landmarks, which the legend names: names beside them would lie over each other."""
+_WAYS = ("down along the chest, mm", "outwards, mm", "out of the chest, mm")
+"""The axes of the cup frame, in words."""
 _LINES = {"wire": ("#d1480c", "wire"), "neckline": ("#2e7d32", "upper line")}
 
 
@@ -43,8 +48,10 @@ def inspection_figure(
         facts: lines of text below the pictures.
         origins: where lines and landmarks come from, by name: written beside them.
     """
-    figure = Figure(figsize=(16, 8), layout="constrained")
-    grid = figure.add_gridspec(2, 4, height_ratios=(1, 0.2))
+    told = [part for line in facts.splitlines() for part in textwrap.wrap(line, LETTERS, subsequent_indent="  ")]
+    below = LINE * (len(told) + 1)
+    figure = Figure(figsize=(16, 6.5 + below), layout="constrained")
+    grid = figure.add_gridspec(2, 4, height_ratios=(6.5, below))
     everything = np.concatenate([clouds["cup"], *lines.values()])
     low, high = everything.min(axis=0) - 25, everything.max(axis=0) + 25
     near = {kind: points[((points > low) & (points < high)).all(axis=1)] for kind, points in clouds.items()}
@@ -65,7 +72,8 @@ def inspection_figure(
             handle.set_markersize(10)
     text = figure.add_subplot(grid[1, :])
     text.axis("off")
-    text.text(0, 1, facts, va="top", family="monospace", fontsize=9, parse_math=False)
+    words = text.text(0, 1, "\n".join(told), va="top", family="monospace", fontsize=9, parse_math=False)
+    words.set_in_layout(False)  # it has its room
     figure.suptitle(title, x=0.01, ha="left", fontweight="bold").set_parse_math(False)
     return figure
 
@@ -95,8 +103,8 @@ def _view(
     axes.set_aspect("equal")
     if j == 0:
         axes.invert_yaxis()
-    axes.set_xlabel(f"{'xyz'[i]} / mm")
-    axes.set_ylabel(f"{'xyz'[j]} / mm")
+    axes.set_xlabel(_WAYS[i])
+    axes.set_ylabel(_WAYS[j])
     axes.set_title(caption, fontsize=11)
 
 

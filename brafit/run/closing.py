@@ -33,7 +33,8 @@ def closing(done: Sequence[Done], out: Path, told: bool = False) -> str:
     lines = [format_table(rows, reasons=not told), ""] if rows else []
     counts = f"{tally.ok} of {tally.total} scans ok"
     details = [f"{tally.warned} of them with warnings"] * bool(tally.warned)
-    details += [f"{tally.kept} kept from before"] * bool(tally.kept)
+    before = f" ({tally.kept_warned} with warnings, which their reports tell)" if tally.kept_warned else ""
+    details += [f"{tally.kept} kept from before{before}"] * bool(tally.kept)
     why = ":" if large else ", for the reasons above."
     lines.append(f"{', '.join([counts, *details])}{f'; {tally.failed} failed{why}' if tally.failed else '.'}")
     if large:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -22,6 +23,7 @@ from brafit.run.dataset import ScanRef
 from brafit.run.folder import is_about_writing, why_not
 from brafit.run.job import KEEP, PRELOAD, Done, Job, Overview, Row
 from brafit.run.sinks import Activity
+from brafit.run.store import left_behind
 
 STAGES = "brafit.run.stages"
 LEAST = 4
@@ -158,6 +160,8 @@ class _Conductor:
         self._batches = 0
         self._shares: dict[tuple[str, ...], int] = {}  # of the last batches, by their scans' own settings
         self._total = 0
+        self._overview: Overview | None = None
+        self._begun = 0.0
         self._watched: frozenset[str] = frozenset()
 
     def begin(self) -> None:
@@ -180,6 +184,7 @@ class _Conductor:
             watched=names[:wanted],
         )
         job.out.mkdir(parents=True, exist_ok=True)
+        self._overview, self._begun = overview, time.time()
         for sink in job.sinks:
             sink.open(overview)
             for note in notes:
@@ -211,6 +216,10 @@ class _Conductor:
 
     def close(self) -> None:
         complete = len(self.done) == self._total
+        if not complete and self._overview is not None:
+            since = None if self._overview.resumed else self._begun
+            for done in left_behind(self._overview, {done.name for done in self.done}, since):
+                self._finished(done)
         for sink in self.job.sinks:
             sink.close(complete)
 

@@ -58,7 +58,7 @@ def dataset(
         suffixes: of clouds that readers from outside of brafit read.
 
     Raises:
-        InputError: no scan is found, or the table cannot be used.
+        InputError: no scan is found, none of the files named exists, or the table cannot be used.
         ConfigError: `shard` is not of that form.
     """
     # imports much, and not everyone gets here
@@ -69,6 +69,7 @@ def dataset(
     else:
         rows = [_Row(path) for path in find_scans(list(scans), propose, suffixes)]
         notes = passed_over(list(scans), propose, suffixes)
+        _check_one_exists([row.path for row in rows])
     given = [row.name for row in rows if row.name]
     if doubled := {name for name in given if given.count(name) > 1} if len(set(given)) < len(given) else set():
         raise InputError(manifest or "scans", f"the name {min(doubled)!r} stands twice", "Give every row its own name")
@@ -84,6 +85,14 @@ def dataset(
         called, positions = tuple(next(unique) for _ in both), tuple(next(position) for _ in both)
         refs.append(ScanRef(row.path, called, both, positions, row.landmarks, row.overrides))
     return (refs if shard is None else _part(refs, shard)), notes
+
+
+def _check_one_exists(paths: Sequence[Path]) -> None:
+    """Refuse a run of files none of which is there; one among others that are is the failure of one scan."""
+    if not any(path.exists() for path in paths):
+        first, *others = paths
+        also = f", and none of the {len(paths)} files named exists" if others else ""
+        raise InputError(first, f"there is no such file{also}", "Check the path")
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
     }
     words = cloth_words(recipe.pattern)
     if thickness := _thickness(recipe):
-        words[0] += f": the cup is its middle, {recipe.pattern.length(thickness / 2)} outside of the skin"
+        words[0] += f": the cup is its middle, {thickness / 2:.1f} mm outside of the skin"
     sources |= {"cloth": "; ".join(words)} if words else {}
     side: Side = "right" if scan.side == "right" else "left"
     facts = scan_facts(scan, fit) | {"settings": recipe.settings}

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from brafit.report.tensorboard import Recorder
 
 
+FIRST = 5.0
+"""Seconds after which a run that no terminal shows says for the first time how far it is."""
+
+
 @dataclass(frozen=True)
 class Activity:
     """Scans in each stage just now."""
@@ -32,6 +36,9 @@ class Activity:
     waiting: int = 0
     fitting: int = 0
     writing: int = 0
+
+    def __str__(self) -> str:
+        return f"loading {self.loading}, fitting {self.fitting}, writing {self.writing}"
 
 
 class Sink:
@@ -264,6 +271,7 @@ class Tally:
     warned: int = 0
     failed: int = 0
     kept: int = 0
+    kept_warned: int = 0
     causes: Counter[str] = field(default_factory=Counter)
 
     def add(self, done: Done) -> None:
@@ -271,6 +279,7 @@ class Tally:
         self.failed += not done.ok
         self.warned += done.ok and bool(done.warnings)
         self.kept += done.kept
+        self.kept_warned += done.kept and done.ok and bool(done.warnings)
         if not done.ok:
             self.causes[done.cause] += 1
 
@@ -287,7 +296,7 @@ class Progress(Sink):
     and then in a log. Notes, warnings and failures are said as they come; in large runs failures only.
 
     Args:
-        seconds: between two lines in a log.
+        seconds: between two lines in a log, at most: the first ones come sooner.
         details: largest number of scans whose notes and warnings are said one by one.
     """
 
@@ -301,7 +310,7 @@ class Progress(Sink):
         self._failures: set[str] = set()
         self._notes: set[tuple[str, str]] = set()
         self._activity = Activity()
-        self._begun = self._said = 0.0
+        self._begun = self._said = self._pause = 0.0
         self._total = 0
 
     def starting(self) -> None:
@@ -327,20 +336,28 @@ class Progress(Sink):
             self._bar.disable = True
             self._line(f"0 of {self._total} scans")
             self._begun = self._said = time.monotonic()
+            self._pause = min(FIRST, self._seconds)
 
     def note(self, line: str) -> None:
         self._line(f"note: {line}")
 
     def activity(self, activity: Activity) -> None:
-        if self._watched and activity != self._activity and self._bar is not None:
+        if self._bar is None:
+            return
+        if self._watched and activity != self._activity:
             self._activity = activity
             self._show()
+        self._activity = activity
+        if not self._watched:
+            self._now_and_then()
 
     def scan(self, done: Done) -> None:
         self._tally.add(done)
-        if not done.ok:
+        if done.kept:
+            pass  # it was said when it was fitted
+        elif not done.ok:
             self._failure(_failure_line(done))
-        elif self._total <= self._details and not done.kept:
+        elif self._total <= self._details:
             for note in done.notes:
                 self._note(re.sub(r"_(left|right)$", "", done.name), note)
             for warning in done.warnings:
@@ -348,27 +365,34 @@ class Progress(Sink):
         if self._watched:
             self._bar.update()
             self._show()
-        elif time.monotonic() - self._said >= self._seconds:
-            self._said = time.monotonic()
-            self._line(self._state())
+        else:
+            self._now_and_then()
 
     def close(self, complete: bool) -> None:
         if self._bar is not None:
             self._bar.close()
 
+    def _now_and_then(self) -> None:
+        """A line in a log, the first ones soon, later ones every so many seconds."""
+        if time.monotonic() - self._said >= self._pause:
+            self._said = time.monotonic()
+            self._pause = min(2 * self._pause, self._seconds)
+            self._line(self._state())
+
     def _state(self) -> str:
         done, seconds = self._tally.total, time.monotonic() - self._begun
         fresh = done - self._tally.kept
         if not fresh:
-            return f"{done} of {self._total} scans, all as they were"
+            kept = ", all as they were" * bool(done)
+            return f"{done} of {self._total} scans{kept}; {self._activity}"
         rate = fresh / seconds
         left = (self._total - done) / rate
-        return f"{done} of {self._total} scans: {self._tally}; {rate:.2f} scans/s, {_clock(left)} left"
+        return (
+            f"{done} of {self._total} scans: {self._tally}; {self._activity}; {rate:.2f} scans/s, {_clock(left)} left"
+        )
 
     def _show(self) -> None:
-        a = self._activity
-        words = f"{self._tally}; loading {a.loading}, fitting {a.fitting}, writing {a.writing}"
-        self._bar.set_postfix_str(words, refresh=False)
+        self._bar.set_postfix_str(f"{self._tally}; {self._activity}", refresh=False)
 
     def _failure(self, line: str) -> None:
         """Say why a scan failed; what keeps both breasts of a file from being fitted is one failure."""

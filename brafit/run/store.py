@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from brafit import __version__
 from brafit.report.table import SUMMARY_KEYS
 from brafit.run.dataset import ScanRef
-from brafit.run.job import Done, common_cause
+from brafit.run.job import Done, Overview, common_cause
 
 IRRELEVANT = frozenset(
     {"scans", "out", "threads", "batch", "device", "dataset", "sinks", "resume", "patience", "experiment"}
@@ -98,6 +98,24 @@ def read_fit(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return content if isinstance(content, dict) and "scan" in content else None
+
+
+def left_behind(overview: Overview, heard: Collection[str], since: float | None) -> Iterator[Done]:
+    """What the folders of a run that was broken off hold of its scans besides those that it has heard of: of earlier
+    runs, and what a worker wrote last.
+
+    Args:
+        overview: of the run.
+        heard: names of the scans whose end is known.
+        since: only results that were written after this time (seconds, as `time.time` has them); None: all.
+    """
+    for name, position in zip(overview.names, overview.positions, strict=True):
+        file = overview.out / name / "fit.json"
+        if name in heard or not file.is_file() or (since is not None and file.stat().st_mtime < since):
+            continue
+        content = read_fit(file.parent)
+        if content is not None:
+            yield done_of(content, position)
 
 
 def scan_folders(out: Path) -> Iterator[tuple[Path, dict[str, Any]]]:

@@ -140,7 +140,7 @@ class Preparation:
             `brafit.underwires.sizes`: a wire of that size, placed best.
         propose: propose landmarks where there is no landmark file.
         symmetry: take the points of both breasts of a torso for either cup, where they are mirror images within
-            `brafit.scan.region.ALIKE`.
+            `brafit.surface.symmetry.ALIKE`.
         bridge: assume a surface where there are no data (`Scan.assumed`).
         read_seconds: time limit of the reader, s.
         mesh_points: points to sample on a mesh.

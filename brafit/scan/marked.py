@@ -16,10 +16,8 @@ from brafit.errors import InputError
 from brafit.geometry.polyline import polyline_length
 from brafit.landmarks.file import Landmarks, read_breasts
 from brafit.landmarks.units import MILLIMETRES, NAMES, Units, body_unit, cloud_unit, wire_unit
-from brafit.surface.symmetry import Mirror, mirror_of
+from brafit.surface.symmetry import SYMMETRIC, Mirror, mirror_of
 
-MIRROR_RMS = 3.0
-"""Largest rms (mm) between a body and its mirror image at which marks are carried over to its other side."""
 SIDES_APART = 30.0
 """Marks that their mirror image is nearer to (mm, median) are not those of a breast."""
 
@@ -98,7 +96,7 @@ class Marked:
             raise InputError(marks.path, cause, remedy)
         flipped = marks.mapped(self.whole.mirror, side=side)
         away = float(np.median(np.linalg.norm(flipped.positions() - marks.positions(), axis=1)))
-        if self.whole.mirror.rms > MIRROR_RMS or away < SIDES_APART:
+        if self.whole.mirror.rms > SYMMETRIC or away < SIDES_APART:
             symmetric = "the body is not symmetric enough to mirror it"
             cause = f"side={side}: it marks the {marks.side} breast only, and {symmetric}"
             raise InputError(marks.path, cause, f"Add the {side} breast to the landmark file: breasts: [...]")
@@ -132,7 +130,7 @@ def with_marks(raw: Cloud, marks: Path | Landmarks, units: str | None, propose: 
     stated = units or raw.unit
     unit = stated or body_unit(raw.path, raw.points)
     whole = _scaled(raw, unit)
-    found = proposals(raw.path, whole.cloud.points)
+    found = proposals(raw.path, whole.cloud.points, whole.mirror if whole.is_torso else None)
     confidence = {one.marks.side: one.confidence for one in found}
     breasts = tuple(one.marks for one in found if not one.confidence.faults)
     if not breasts:

@@ -17,9 +17,9 @@ from brafit.landmarks.cup_frame import CupFrame
 from brafit.landmarks.file import Landmarks
 from brafit.landmarks.plausibility import is_one_breast
 from brafit.scan.framed import Framed, frame_of, inner_end_first
-from brafit.scan.marked import MIRROR_RMS, Marked
+from brafit.scan.marked import Marked
 from brafit.surface.cleaning import Tidy, tidy
-from brafit.surface.symmetry import Mirror, apart
+from brafit.surface.symmetry import ALIKE, SYMMETRIC, Mirror, breasts_apart
 
 REGION, MARGIN = 0.8, 40.0
 """Points are left out if they lie farther from the middle of the wire than REGION wire lengths, and more than MARGIN mm
@@ -30,9 +30,6 @@ mirrored breast: averaging in voxels moves points a little."""
 DIGITS = 9
 """Digits after the point that coordinates (mm) keep in the cup frame, so that nothing later depends on the last digits
 of a transformation."""
-ALIKE, SKETCH, SKETCHED = 0.5, 4500, 0.6
-"""Rms (mm) within which a breast and the other one's mirror image are alike (less than scanners err); about how many
-points of each are compared, and within how many wire lengths from the middle of the wire they lie."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,28 +97,18 @@ class Gathering:
     def _both(self, frame: CupFrame, marks: Landmarks) -> _Both | None:
         """The points of both breasts in the frame of one, if the two are alike."""
         points = self.marked.cloud.points
-        if not (self.symmetry and self.marked.whole.is_torso) or self.marked.whole.mirror.rms > MIRROR_RMS:
+        if not (self.symmetry and self.marked.whole.is_torso) or self.marked.whole.mirror.rms > SYMMETRIC:
             return None
         region = _Region.of(marks)
         own, other = region.holds(points), region.mirrored(self.marked.whole.mirror).holds(points)
         if other.sum() < MIN_POINTS:
             return None
-        clouds = [_grid(frame.to_cup(points[own])), _grid(frame.to_cup(self.marked.whole.mirror(points[other])))]
-        rms = self._apart(clouds, frame.to_cup(region.middle), region.length)
+        one = _grid(frame.to_cup(points[own]))
+        image = _grid(frame.to_cup(self.marked.whole.mirror(points[other])))
+        rms = breasts_apart(one, image, frame.to_cup(region.middle), region.length, self.outliers, self.neighbours)
         if rms >= ALIKE:
             return None
-        return _Both(frame, marks.side, own, other, self._tidied(np.concatenate(clouds)), rms)
-
-    def _apart(self, clouds: list[np.ndarray], middle: np.ndarray, length: float) -> float:
-        """Rms (mm) between two breasts in one frame, about the middle of a wire."""
-        sketches = []
-        for cloud in clouds:
-            near = cloud[((cloud - middle) ** 2).sum(axis=1) < (SKETCHED * length) ** 2]
-            sketches.append(tidy(near, outliers=self.outliers, neighbours=self.neighbours, dense=SKETCH).surface)
-        one, other = sketches
-        if one is None or other is None:
-            return np.inf
-        return apart(one, other, one.points[((one.points - middle) ** 2).sum(axis=1) < (length / 2) ** 2])
+        return _Both(frame, marks.side, own, other, self._tidied(np.concatenate([one, image])), rms)
 
     def _tidied(self, points: np.ndarray, inside: np.ndarray | None = None) -> Tidy:
         return tidy(points, inside, outliers=self.outliers, neighbours=self.neighbours)

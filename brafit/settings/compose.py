@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,31 @@ def readable_settings(settings: Sequence[str]) -> list[str]:
         if line := refused_mark(text, lambda: _choices_only(settings)):
             raise ConfigError(line)
     return [readable(text) for text in settings]
+
+
+def settings_called(name: str) -> list[str]:
+    """Settings of this name in any group, in full; those of a name like it where there are none.
+
+    Args:
+        name: with or without its group.
+    """
+    named = dict(_flat(_choices_only(())))
+    return named.get(name) or [full for near in get_close_matches(name, named, n=1) for full in named[near]]
+
+
+def _flat(tree: DictConfig) -> Iterator[tuple[str, list[str]]]:
+    """Each setting's name, alone and with its groups, and the settings that it may mean."""
+    meant: dict[str, list[str]] = {}
+    waiting = [("", tree)]
+    while waiting:
+        prefix, group = waiting.pop(0)
+        for key, node in group.items_ex(resolve=False):
+            full = f"{prefix}{key}"
+            for name in dict.fromkeys((str(key), full)):
+                meant.setdefault(name, []).append(full)
+            if isinstance(node, DictConfig):
+                waiting.append((f"{full}.", node))
+    yield from meant.items()
 
 
 def help_text() -> str:

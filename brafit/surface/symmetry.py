@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from brafit.surface.cleaning import distinct
+from brafit.surface.cleaning import distinct, tidy
 from brafit.surface.normals import Surface, settle
 from brafit.surface.planes import normals_at
 
@@ -21,6 +21,11 @@ COMPARED = 500
 """Places at which two surfaces are compared."""
 PATCH = 6.0
 """Radius (mm) over which each is averaged there, so that noise does not count."""
+SYMMETRIC = 3.0
+"""Largest rms (mm) between a body and its mirror image at which one side says something of the other."""
+ALIKE, SKETCH, SKETCHED = 0.5, 4500, 0.6
+"""Rms (mm) within which a breast and the other one's mirror image are alike (less than scanners err); about how many
+points of each are compared, and within how many wire lengths from the middle of the wire they lie."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +108,35 @@ def apart(one: Surface, other: Surface, places: Float[np.ndarray, "n 3"]) -> flo
     if not len(chosen) or seen.mean() < 0.5:
         return float("inf")
     return float(np.sqrt(np.mean(((its - mine) * normal).sum(axis=1)[seen] ** 2)))
+
+
+def breasts_apart(
+    one: Float[np.ndarray, "n 3"],
+    other: Float[np.ndarray, "m 3"],
+    middle: Float[np.ndarray, "3"],
+    length: float,
+    outliers: float | None = 3.0,
+    neighbours: int = 16,
+) -> float:
+    """Root mean square distance (mm) of a breast and the mirror image of the other, both in a frame whose z leads out
+    of the chest; infinite where there are too few points to say.
+
+    Args:
+        one: the points about it.
+        other: those about the other breast, mirrored.
+        middle: of the wire.
+        length: of the wire, mm.
+        outliers: see `brafit.surface.cleaning.tidy`.
+        neighbours: likewise.
+    """
+    sketches = []
+    for cloud in (one, other):
+        near = cloud[((cloud - middle) ** 2).sum(axis=1) < (SKETCHED * length) ** 2]
+        sketches.append(tidy(near, outliers=outliers, neighbours=neighbours, dense=SKETCH).surface)
+    mine, its = sketches
+    if mine is None or its is None:
+        return np.inf
+    return apart(mine, its, mine.points[((mine.points - middle) ** 2).sum(axis=1) < (length / 2) ** 2])
 
 
 def _refine(

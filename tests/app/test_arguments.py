@@ -8,7 +8,7 @@ import pytest
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from brafit.cli.arguments import WITH_VALUE, prepared
+from brafit.cli.arguments import OPTIONS, WITH_VALUE, prepared
 from brafit.errors import ConfigError
 from brafit.settings import quoting
 from brafit.settings.checks import sources
@@ -90,6 +90,8 @@ def test_words_that_are_no_settings_are_scans(folder: Path) -> None:
 def test_options_with_values_are_those_of_hydra() -> None:
     known = [action for action in get_args_parser()._actions if action.option_strings and action.nargs is None]
     assert {name for action in known for name in action.option_strings} == WITH_VALUE
+    every = {name for action in get_args_parser()._actions for name in action.option_strings}
+    assert {name for name in every if name.startswith("--")} == {name for name in OPTIONS if name.startswith("--")}
 
 
 @pytest.mark.parametrize(
@@ -99,6 +101,10 @@ def test_options_with_values_are_those_of_hydra() -> None:
         ([".", "scans=x"], "both name scans"),
         (["restarts"], "restarts=VALUE"),
         (["--out", "x"], "write out=VALUE"),
+        (["--panels=3"], "--panels=3: settings have no dashes, write cup.panels=3"),
+        (["--cup.panels=3"], "settings have no dashes, write cup.panels=3"),
+        (["--pannels", "3"], "settings have no dashes, write cup.panels=VALUE"),
+        (["--zzz=3"], "--zzz=3: there is no such option"),
         (["+my.key=1"], "unknown setting '+my.key'; allowed: scans"),
         (["++cup.pannels=1"], "unknown setting '++cup.pannels'; did you mean cup.panels?"),
         (["+cup.panels=3"], "did you mean cup.panels=3?"),

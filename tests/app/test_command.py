@@ -273,9 +273,11 @@ def test_out_that_cannot_be_written(tmp_path: Path, sweep: list[str], brafit: Ca
 
 
 def test_one_bad_scan_alone_is_nothing_that_ran(tmp_path: Path, brafit: Callable[..., Done]) -> None:
-    done = brafit("scans=missing.ply", "out=out")
+    (tmp_path / "empty.ply").touch()
+    done = brafit("empty.ply", "missing.ply", "out=out")
     assert done.returncode == 2
-    assert summary(tmp_path / "out")["missing"]["status"] == "failed"
+    assert {row["status"] for row in summary(tmp_path / "out").values()} == {"failed"}
+    assert "failed: missing.ply: there is no such file. Check the path." in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -283,6 +285,9 @@ def test_one_bad_scan_alone_is_nothing_that_ran(tmp_path: Path, brafit: Callable
     [
         (["scans=nowhere"], "nowhere"),
         (["nowhere"], "nowhere: there is no such file or folder"),
+        (["missing.ply"], "missing.ply: there is no such file. Check the path."),
+        (["a.ply", "b.ply"], "a.ply: there is no such file, and none of the 2 files named exists"),
+        (["--panels=3"], "settings have no dashes, write cup.panels=3"),
         (["~scan"], "unknown setting '~scan'"),
         (["+my.key=1"], "unknown setting '+my.key'"),
         (["pattern.allowance=8"], "pattern.allowance.wire=8"),

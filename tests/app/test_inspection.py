@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+import torsos
+from matplotlib.figure import Figure
 
 from brafit.cli.inspect import main
 from brafit.landmarks import landmarks_path, read_landmarks
@@ -71,6 +74,26 @@ def test_a_breast_without_marks_cannot_be_proposed(tmp_path, capsys):
     line = capsys.readouterr().err.strip()
     assert "no whole torso: landmarks can be proposed on a torso only" in line
     assert len(line.splitlines()) == 1
+
+
+def test_the_picture_says_what_to_do_to_whoever_sees_it(tmp_path, monkeypatch):
+    """In words and units, and not to look at itself."""
+    np.save(tmp_path / "body.npy", torsos.torso(40.0, right=40.0, n=30_000))
+    shown: list[str] = []
+    monkeypatch.setattr("brafit.report.figures.save_figure", lambda figure, *_, **__: shown.extend(words_of(figure)))
+    assert inspect(tmp_path / "body.npy", "--out", tmp_path / "out", "--side", "left") == 0
+    words = " ".join(" ".join(shown).split())
+    assert "mark by hand what is wrong" in words.lower()
+    assert "brafit-inspect" not in words
+    assert re.search(r"points: [\d,]+ read, .*[\d,]+ used, averaged in voxels of \d\.\d mm", words)
+    assert "_" not in words.replace("body_left", "")
+    assert {"outwards, mm", "down along the chest, mm", "out of the chest, mm"} <= set(shown)
+
+
+def words_of(figure: Figure) -> list[str]:
+    """All texts of a figure, and the labels of its axes."""
+    axes = [label for one in figure.axes for label in (one.get_xlabel(), one.get_ylabel())]
+    return axes + [text.get_text() for one in figure.axes for text in one.texts]
 
 
 def test_the_installed_module_runs(tmp_path):

@@ -23,10 +23,11 @@ from brafit.errors import InputError
 from brafit.pattern import PatternOptions
 from brafit.report.table import SUMMARY_KEYS
 from brafit.run import Done, Job, run, stages
+from brafit.run.closing import closing
 from brafit.run.collect import collect
 from brafit.run.dataset import ScanRef
 from brafit.run.job import Overview
-from brafit.run.sinks import Board, ErrorLog, Index, Nest, Progress, Sink, Table
+from brafit.run.sinks import Activity, Board, ErrorLog, Index, Nest, Progress, Sink, Table
 from brafit.samples import sample_paths
 
 
@@ -181,6 +182,28 @@ def test_the_same_run_again_keeps_what_is_finished(job: Job, tmp_path: Path) -> 
         assert numbers(a) == pytest.approx(numbers(b))
 
 
+class Ended(Sink):
+    """Ends the run, as Ctrl+C and SIGTERM do, at the first scan that it hears of."""
+
+    def __init__(self) -> None:
+        self.ended = False
+
+    def scan(self, done: Done) -> None:
+        if not self.ended:
+            self.ended = True
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(("resume", "rows"), [("keep", 3), ("redo", 1)])
+def test_a_run_that_is_broken_off_has_rows_of_all_that_is_finished(job: Job, resume: str, rows: int) -> None:
+    """Of those of an earlier run that it has not come to, and of the one that it has written, but not heard of."""
+    run(job)
+    with pytest.raises(KeyboardInterrupt):
+        run(replace(job, resume=resume, workers=1, sinks=[Ended(), Table()]))
+    assert len(table(job.out)) == rows
+    assert {row["status"] for row in table(job.out)} == {"ok"}
+
+
 def test_shards_together_are_the_whole(job: Job, tmp_path: Path) -> None:
     run(job)
     whole = table(job.out)
@@ -259,6 +282,28 @@ def test_names_that_are_no_text_or_a_runs_own_are_written_everywhere(tmp_path: P
     assert any((out / "tensorboard" / "scans").iterdir())
     "\n".join(said).encode()
     assert len(collect([out])) == 3
+
+
+def test_a_log_hears_how_far_a_run_is_before_a_scan_has_ended(capsys: pytest.CaptureFixture[str]) -> None:
+    progress = Progress(seconds=0.0)
+    progress.open(Overview(Path("out"), ("a", "b"), (0, 1)))
+    progress.activity(Activity(loading=2))
+    progress.scan(Done(0, "a", {"status": "ok"}))
+    said = capsys.readouterr().err
+    assert "0 of 2 scans; loading 2, fitting 0, writing 0" in said
+    assert "1 of 2 scans: ok 1, of them warned 0, failed 0; loading 2" in said
+
+
+def test_warnings_of_kept_scans_are_counted_and_not_said_again(capsys: pytest.CaptureFixture[str]) -> None:
+    row = dict.fromkeys(SUMMARY_KEYS) | {"scan": "a", "status": "ok", "warning_count": 2}
+    kept = Done(0, "a", row, ("the cup is far from the points", "a point is far"), kept=True)
+    progress = Progress()
+    progress.open(Overview(Path("out"), ("a",), (0,)))
+    progress.scan(kept)
+    assert "far" not in capsys.readouterr().err
+    told = closing([kept], Path("out"))
+    assert "1 of 1 scans ok, 1 of them with warnings, 1 kept from before (1 with warnings, which their reports" in told
+    assert "warnings" in told.splitlines()[0]
 
 
 def test_what_holds_for_both_breasts_is_noted_once(capsys: pytest.CaptureFixture[str]) -> None:
