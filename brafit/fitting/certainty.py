@@ -44,6 +44,8 @@ ALTERNATIVES = 24
 """Directions of the covariance that are kept: those that move the edges most."""
 BENT = 2
 """Directions in which the bends of the objective are looked at: the least certain ones."""
+_NOTHING = 1e-6
+"""Share of the longest direction's length below which a direction is but rounding."""
 _TOGETHER = 400
 """Cups whose outlines are measured at once."""
 
@@ -195,7 +197,7 @@ class _Spread:
             bent: their products with what it lacks beside that.
             count: directions at most.
         """
-        used = few.abs().amax(0) > 0
+        used = few.norm(dim=0) > _NOTHING * few.norm(dim=0).amax()
         if bool(used.any()):
             lacking = lacking + spanned(self.matrix, few[:, used], bent[:, used])
         if not bool(lacking.isfinite().all() & self.factor.isfinite().all()):

@@ -50,6 +50,8 @@ def creases(group: Sequence[Pulls]) -> list[Float[Tensor, "columns columns"]]:
     panels = len(group[0].edges) - 1 if group else 0
     for own, other in [pair for ridge in range(1, panels) for pair in ((ridge - 1, ridge), (ridge, ridge - 1))]:
         near = [_below(one, own, other) for one in group]
+        if not any(map(len, near)):
+            continue
         for k, (feet, directions, distances) in enumerate(_second_feet(group, near, other)):
             if len(near[k]):
                 matrices[k] += _crease(group[k], near[k], feet, directions, distances)

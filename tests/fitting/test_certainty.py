@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -100,6 +101,23 @@ def test_deviations_are_the_same_alone_as_in_a_batch(fits):
         index = torch.tensor([k])
         alone = deviations(objective.select(index), flat[index], pressure.select(index))[0]
         assert torch.equal(alone, together[k])
+
+
+def test_a_problem_that_nothing_holds_has_no_deviations(fits):
+    """And spoils no other's; without noise there are none."""
+    objective, flat, pressure = fits
+    some = torch.tensor([0, 1])
+    known = deviations(objective.select(some), flat[some], pressure.select(some))
+    clean = scans(0.0, seeds=1)
+    truth = clean.cup.flatten().detach()
+    assert deviations(clean, truth, Pressure(1.0)).abs().max() < 1e-3 * known.abs().max()
+
+    free = replace(objective.targets.select(some), has_neckline=torch.tensor([True, False]))
+    free.weights[1] = 0
+    nothing = Conditions(neckline=0.02, neckline_limit=None, barrier=0, fairness=0)
+    left = deviations(Objective(cups(2), free, nothing), flat[some], Pressure(1.0))
+    assert bool(left[0].isfinite().all())
+    assert bool(left[1].isnan().all())
 
 
 @pytest.fixture(scope="module")
