@@ -42,8 +42,8 @@ NOISE, STRAYS = 0.3, 0.01
 COMMAND = ("scan.propose=true", "scan.side=both", "experiment=lean")
 """Settings with which bodies are fitted."""
 PRONE = "prone, cut off behind"
-DOUBTFUL, GENERAL = "the landmarks are proposed, and doubtful", "nobody has looked at the proposed landmarks"
-"""How the warnings of landmarks begin."""
+DOUBTFUL, GENERAL = "doubtful_landmarks", "unseen_landmarks"
+"""Codes of the warnings of landmarks."""
 FRONT = 0.3
 """Cameras in front are those whose direction has so much of the front."""
 
@@ -199,9 +199,10 @@ def _fitted(name: str, kind: str, side: str, content: dict[str, Any], truth: dic
         reason = re.sub(r"^.*?\.ply: ", "", content["reason"]).partition(". ")[0]
         unlike = content["iterations"] is not None
         return Outcome(name, kind, side, truth is not None, reason, unlike=unlike, rms=content["rms_mm"])
-    warnings = content["warnings"] + content["pattern"]["warnings"]
-    doubts = [words for words in warnings if words.startswith(DOUBTFUL)]
-    said = tuple(words for words in warnings if not words.startswith((DOUBTFUL, GENERAL)))
+    parts = (content, content["pattern"])
+    told = [pair for part in parts for pair in zip(part["warning_codes"], part["warnings"], strict=True)]
+    doubts = [words for code, words in told if code == DOUBTFUL]
+    said = tuple(words for code, words in told if code not in (DOUBTFUL, GENERAL))
     fitted = Outcome(
         name, kind, side, truth is not None, warning="; ".join(doubts), said=said, rms=content["rms_mm"],
         largest=content["max_mm"],
