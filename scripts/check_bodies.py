@@ -199,10 +199,10 @@ def _fitted(name: str, kind: str, side: str, content: dict[str, Any], truth: dic
         reason = re.sub(r"^.*?\.ply: ", "", content["reason"]).partition(". ")[0]
         unlike = content["iterations"] is not None
         return Outcome(name, kind, side, truth is not None, reason, unlike=unlike, rms=content["rms_mm"])
-    both = (content, content["pattern"])
-    warned = [pair for own in both for pair in zip(own["warning_codes"], own["warnings"], strict=True)]
-    doubts = [words for code, words in warned if code == DOUBTFUL]
-    said = tuple(words for code, words in warned if code not in (DOUBTFUL, GENERAL))
+    parts = (content, content["pattern"])
+    told = [pair for part in parts for pair in zip(part["warning_codes"], part["warnings"], strict=True)]
+    doubts = [words for code, words in told if code == DOUBTFUL]
+    said = tuple(words for code, words in told if code not in (DOUBTFUL, GENERAL))
     fitted = Outcome(
         name, kind, side, truth is not None, warning="; ".join(doubts), said=said, rms=content["rms_mm"],
         largest=content["max_mm"],

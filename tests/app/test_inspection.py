@@ -85,7 +85,7 @@ def test_the_picture_says_what_to_do_to_whoever_sees_it(tmp_path, monkeypatch):
     words = " ".join(" ".join(shown).split())
     assert "mark by hand what is wrong" in words.lower()
     assert "brafit-inspect" not in words
-    assert re.search(r"points: [\d,]+ read, .*[\d,]+ used, averaged in voxels of \d\.\d mm", words)
+    assert re.search(r"points: 30,000 read, [\d,]+ added .*, [\d,]+ used; they scatter by 0\.\d\d mm", words)
     assert "_" not in words.replace("body_left", "")
     assert {"outwards, mm", "down along the chest, mm", "out of the chest, mm"} <= set(shown)
 
