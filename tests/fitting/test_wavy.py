@@ -101,9 +101,12 @@ def test_what_is_needless_is_the_shallowest_that_has_to_go():
     assert needless("edge", found, 6) is None
     hollows = sorted(one.depth for one in found if one.sign < 0)
     one = needless("edge", found, 4)
+    assert one is not None
     assert (one.count, one.asked) == (6, 4)
     assert one.depth <= hollows[0] + 1e-9
-    assert needless("edge", found, 0).depth >= one.depth
+    worse = needless("edge", found, 0)
+    assert worse is not None
+    assert worse.depth >= one.depth
 
 
 def _targets(cup: StripsCup) -> Targets:
