@@ -155,6 +155,13 @@ class Cup(nn.Module, ABC):
         """Residuals whose squares add up to how much the curvature of the flat edges varies."""
 
     @property
+    def spans(self) -> Float[Tensor, " m"] | None:
+        """For each residual of `unfairness` the span of s over which it is a change of curvature. None: they are no
+        changes of curvature.
+        """
+        return None
+
+    @property
     def steps(self) -> Float[Tensor, " size"]:
         """How far each parameter goes for a change of the cup that is about as large as the others': powers of two, so
         that parameters held as multiples of them are not rounded. An optimiser that moves all alike, such as Adam,

@@ -199,6 +199,10 @@ class StripsCup(Cup):
         return torch.cat(edges, dim=-1)
 
     @property
+    def spans(self) -> Float[Tensor, " m"]:
+        return self.grid.s.diff().repeat(2 * self.panels)
+
+    @property
     def steps(self) -> Float[Tensor, " size"]:
         """Terms of order k by about (1 + (k / STEP_ORDER)^4)^-1: the higher, the more they bend and turn the edges."""
         order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device)

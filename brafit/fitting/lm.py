@@ -16,6 +16,7 @@ from torch import Tensor
 
 from brafit.fitting.anneal import LOOKS, close
 from brafit.fitting.bending import Bending
+from brafit.fitting.fairness import Shares
 from brafit.fitting.normal import Normal, normal_equations
 from brafit.fitting.objective import APEX, Objective, Pressure
 from brafit.fitting.result import ResultCode
@@ -47,6 +48,8 @@ class LMStage:
         tolerance: relative decrease of the objective, expected and found, at which a problem has converged.
         fairness, plainness: multiply these weights while the stage runs (cups without constraints). There is one
             best among very plain cups, which the next stages follow; fairness alone has many, and comes last.
+        waves: share of what small waves count in fairness (`brafit.fitting.fairness.wavy`). In full from the first, it
+            leads into one of several optima, by chance.
         margin_width: the least width of the regularity barrier while the stage runs: a soft barrier leads past poor
             optima.
         seam: share of the ridge's pull to the apex (`Conditions.seam`) while the stage runs. At its full weight from
@@ -65,6 +68,7 @@ class LMStage:
     tolerance: float = 1e-6
     fairness: float = 1.0
     plainness: float = 1.0
+    waves: float = 1.0
     margin_width: float = 0.0
     seam: float = 1.0
     leading: bool = False
@@ -212,8 +216,9 @@ def staged(
     objective: Objective, place: Float[Tensor, "batch size"], stage: LMStage
 ) -> tuple[Objective, Float[Tensor, "batch size"]]:
     """The objective as a stage sees it, and the places that the stage begins at."""
-    shares = (1.0, 1.0) if objective.cup.constrained else (stage.fairness, stage.plainness)
-    objective = objective.seen(stage.points).eased(*shares, stage.margin_width, stage.seam)
+    shares = Shares(stage.fairness, stage.plainness, stage.waves, stage.seam)
+    shares = Shares(seam=stage.seam) if objective.cup.constrained else shares
+    objective = objective.seen(stage.points).eased(shares, stage.margin_width)
     targets = objective.targets
     return objective, objective.cup.place_corner(place, targets.connection, targets.has_connection)
 

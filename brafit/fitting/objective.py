@@ -21,6 +21,7 @@ from brafit.cup.condition import Gaps, gaps_to_line, gaps_to_points, gaps_to_she
 from brafit.cup.shape import CupShape
 from brafit.fitting.block import Block, pull, pulls
 from brafit.fitting.condition import Asked, Condition, checked_conditions
+from brafit.fitting.fairness import Shares, fairness_blocks
 from brafit.fitting.loss import Loss, beyond, fuzzy, point_loss
 from brafit.fitting.targets import Targets
 from brafit.geometry.nearest import nearest_feet, signed_distance
@@ -30,11 +31,6 @@ from brafit.geometry.products import evenly, total
 Flat = Float[Tensor, "batch size"]
 GUIDING = 0.4
 """Weight of the mean squared distance between edges and guides, each way."""
-FAIRNESS = 4e-6
-"""Weight of the variation of the flat edges' curvature (`brafit.geometry.fairness`) at `Conditions.fairness` 1."""
-PLAINNESS = 7e-3
-"""Weight of what sets a cup apart from the plain one (`Cup.plain`) at `Conditions.fairness` 1, over the square of the
-number of panels: the fewer panels, the less close the cup, and the less data say about it."""
 CLOSEST, APEX = SEAMS = ("closest", "apex")
 """Where the ridge nearest to the apex may be asked to run."""
 SEAM = 10.0
@@ -74,8 +70,8 @@ class Conditions:
         margin: the regularity margin that the barrier keeps.
         margin_width: how far above it the barrier begins.
         barrier: weight of the barrier.
-        fairness: how fair and repeatable the flat edges are to be, against how close the cup is: multiplies FAIRNESS
-            and PLAINNESS. 0: only close.
+        fairness: how fair and repeatable the flat edges are to be, against how close the cup is: multiplies the weights
+            of `brafit.fitting.fairness`. 0: only close.
         extra: conditions of other kinds, each with a name of its own.
 
     Raises:
@@ -176,7 +172,7 @@ class Objective:
         self.ridges = ridges
         self.groups = torch.arange(cup.batch, device=targets.points.device) if groups is None else groups
         self.guiding = self.moving = False
-        self.shares = (1.0, 1.0, 1.0)
+        self.shares = Shares()
         self.final_margin_width = conditions.margin_width
 
     @property
@@ -218,13 +214,11 @@ class Objective:
         """The same problems with at most `count` points each."""
         return self._with(targets=self.targets.thinned(count))
 
-    def eased(self, fairness: float, plainness: float, margin_width: float, seam: float = 1.0) -> "Objective":
-        """The same problems with so many times the weights of fairness and plainness, at least this width of the
-        margin, and this share of the pull of the apex, where a ridge is to run through it.
-        """
+    def eased(self, shares: Shares, margin_width: float) -> "Objective":
+        """The same problems with these shares of weights, and at least this width of the margin."""
         c = self.conditions
         wide = replace(c, margin_width=max(margin_width, c.margin_width))
-        return self._with(conditions=wide, shares=(fairness, plainness, seam))
+        return self._with(conditions=wide, shares=shares)
 
     def seen(self, points: int | None) -> "Objective":
         """The same problems as a stage sees them: with at most so many points each, or all (None). 0: none, their
@@ -308,14 +302,7 @@ class Objective:
             )
             blocks.append(replace(soft, final=final))
         if c.fairness > 0:
-            fairness, plainness, _ = self.shares
-            final = Block("fairness", unfairness, c.fairness * FAIRNESS, "fairness", rows=_unfairness_rows)
-            blocks.append(replace(final, weight=fairness * c.fairness * FAIRNESS, final=final))
-            if (plain := self.cup.plain) is not None:
-                away = (flat - plain[0]) * plain[1]
-                weight = c.fairness * PLAINNESS / self.cup.panels**2
-                final = Block("plainness", away, weight, "fairness", diagonal=plain[1])
-                blocks.append(replace(final, weight=plainness * weight, final=final))
+            blocks += fairness_blocks(self.cup, flat, unfairness, c.fairness, self.shares)
         for name, value in self.constraints(shape).items():
             shift = pressure.multipliers.get(name)
             residual = value if shift is None else value + shift / pressure.penalty
@@ -382,7 +369,7 @@ class Objective:
         if c.ridge_pull > 0 and self.cup.panels > 1:
             weight = c.ridge_pull * pressure.seam * targets.has_apex[:, None].to(targets.points)
             final = pull("ridge at apex", "ridge_apex", self._ridge_gap(shape), weight)
-            share = self.shares[2] if c.seam == APEX else 1.0
+            share = self.shares.seam if c.seam == APEX else 1.0
             blocks.append(replace(final, weight=share * weight, final=final))
         if c.extra:
             asked = Asked.of(self.cup, flat, targets)
@@ -438,10 +425,6 @@ class Objective:
 def _barrier_rows(linear: Linearised, bound: float, width: float) -> Float[Tensor, "batch m columns"]:
     fading = evenly(torch.sigmoid, (bound - linear.margin) / width)
     return (-fading[..., None] * linear.margin_columns).flatten(1, 2)
-
-
-def _unfairness_rows(linear: Linearised) -> Float[Tensor, "batch m columns"]:
-    return linear.unfairness_columns
 
 
 def _constraint_rows(linear: Linearised, name: str) -> Float[Tensor, "batch m columns"]:

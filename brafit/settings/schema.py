@@ -97,6 +97,7 @@ class LMStageConfig:
     tolerance: float = field(default=1e-6, metadata={"least": 0})
     fairness: float = field(default=1.0, metadata={"least": 0})
     plainness: float = field(default=1.0, metadata={"least": 0})
+    waves: float = field(default=1.0, metadata={"least": 0})
     margin_width: float = field(default=0.0, metadata={"least": 0})
     seam: float = field(default=1.0, metadata={"least": 0})
     leading: bool = False
