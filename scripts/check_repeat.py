@@ -26,6 +26,7 @@ from typing import Protocol
 
 import numpy as np
 import torch
+from bends import Edges, Needless, edges_of
 from check_scans import simulated, wanted_parts
 from outlines import patterns_apart
 from tqdm import tqdm
@@ -35,7 +36,6 @@ from brafit.fitting import CupFit, Target
 from brafit.fitting.objective import Conditions
 from brafit.fitting.result import ResultCode
 from brafit.geometry.development import FlatPanel
-from brafit.geometry.fairness import EdgeCurvature
 from brafit.geometry.polyline import distances, evenly_spaced
 from brafit.report.dimensions import piece_dimensions
 from brafit.run.fitting import target_of
@@ -138,77 +138,6 @@ def deviations(measured: Mapping[str, np.ndarray]) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Edges:
-    """How the flat edges of a pattern bend.
-
-    Attributes:
-        inflections: of the lower and the upper edge of each piece, those of the last upper edge on either side of the
-            strap corner.
-        neckline: of the smooth neckline, on either side.
-        radius: the tightest of any edge, away from the corner, mm.
-    """
-
-    inflections: tuple[tuple[list[int], list[int]], ...]
-    neckline: list[int]
-    radius: float
-
-    @property
-    def wire(self) -> int:
-        return self.inflections[0][0][0]
-
-    @property
-    def ridges(self) -> int:
-        """Most of any ridge edge."""
-        return max((sum(edge) for edge in [edge for piece in self.inflections for edge in piece][1:-1]), default=0)
-
-    @property
-    def upper_excess(self) -> int:
-        """Most by which the upper edge has more than the neckline on that side; in all, if not both are parted."""
-        upper = self.inflections[-1][1]
-        if len(upper) != len(self.neckline):
-            return sum(upper) - sum(self.neckline)
-        return max(a - b for a, b in zip(upper, self.neckline, strict=True))
-
-    def __str__(self) -> str:
-        pieces = " | ".join(f"{_sum(lower)},{_sum(upper)}" for lower, upper in self.inflections)
-        return f"{pieces} (neckline {_sum(self.neckline) or 'none'})"
-
-
-def _sum(counts: Sequence[int]) -> str:
-    return "+".join(map(str, counts))
-
-
-def edges_of(target: Target, fit: CupFit, condition: Conditions) -> Edges:
-    """How the edges of a fit's pattern bend."""
-    line = target.smooth_neckline(condition.neckline_wave)
-    sides = () if line is None else line.sides
-    place = None
-    if target.strap_point is not None:
-        place = int(np.linalg.norm(fit.shape.edges[-1].numpy() - target.strap_point, axis=1).argmin())
-    last, counts, radii = len(fit.panels) - 1, [], []
-    for k, panel in enumerate(fit.panels):
-        lower, upper = panel.lower.numpy(), panel.upper.numpy()
-        corner = upper[place] if k == last and place is not None else None
-        bends = EdgeCurvature.of(lower), EdgeCurvature.of(upper, corner)
-        counts.append((bends[0].inflections(), bends[1].inflections()))
-        radii += [bend.tightest()[0] for bend in bends]
-    return Edges(tuple(counts), _neckline_inflections(sides), min(radii))
-
-
-def _neckline_inflections(sides: Sequence[np.ndarray]) -> list[int]:
-    """Of each side, laid into its best plane; as far from the corner as those of an upper edge."""
-    flat = [_in_best_plane(side) for side in sides]
-    corners = [flat[0][-1], flat[1][0]] if len(flat) == 2 else [None] * len(flat)
-    bends = (EdgeCurvature.of(side, corner) for side, corner in zip(flat, corners, strict=True))
-    return [sum(bend.inflections()) for bend in bends]
-
-
-def _in_best_plane(line: np.ndarray) -> np.ndarray:
-    centred = line - line.mean(axis=0)
-    return centred @ np.linalg.svd(centred, full_matrices=False)[2][:2].T
-
-
-@dataclass(frozen=True)
 class Repeat:
     """What the rescans of a breast gave, mm.
 
@@ -217,6 +146,8 @@ class Repeat:
         outlines: how far the outlines of each other rescan are from the first one's.
         spread: standard deviation of each dimension.
         edges: how the edges of the first rescan bend.
+        needless: of all rescans, edges that bend to and fro more often than is asked.
+        counted: how many edges there are, of all rescans.
         radius: the tightest of all rescans.
         upper_edge: largest distance of an upper edge from its neckline; nan without one.
         margin: the worst regularity margin.
@@ -227,6 +158,8 @@ class Repeat:
     outlines: list[float]
     spread: dict[str, float]
     edges: Edges
+    needless: list[Needless]
+    counted: int
     radius: float
     upper_edge: float
     margin: float
@@ -240,6 +173,8 @@ class Repeat:
             outlines=[patterns_apart(fits[0], fit) for fit in fits[1:]],
             spread=deviations(edge_lengths(fits)),
             edges=bends[0],
+            needless=[one for bend in bends for one in bend.needless],
+            counted=sum(len(bend.counts) for bend in bends),
             radius=min(bend.radius for bend in bends),
             upper_edge=max(fit.figures["upper_edge_mm"] for fit in fits),
             margin=min(fit.figures["regularity_min"] for fit in fits),
@@ -272,16 +207,21 @@ def report_outlines(options: Options) -> None:
             for scan, own in zip(scans, rescans_fitted(scans, options.rescans, noise, recipe, label), strict=True):
                 rows.append(Repeat.of(*own, recipe.condition))
                 print(f"  {scan.name:{wide}} {rows[-1]}")
+                for words in sorted({str(one) for one in rows[-1].edges.needless}):
+                    print(f"      {words}")
             print(f"  {label}: {_summary(rows)}", flush=True)
 
 
 def _summary(rows: Sequence[Repeat]) -> str:
     outlines, spreads = [row.outlines for row in rows], [[*row.spread.values()] for row in rows]
     edges, unsettled = [row.edges for row in rows], sum(row.unsettled for row in rows)
+    needless, counted = [one for row in rows for one in row.needless], sum(row.counted for row in rows)
     facts = [
         f"outlines {_median_of_medians(outlines):.2f} mm (median of the medians), worst {max(map(max, outlines)):.2f}",
         f"most inflections: wire edge {max(e.wire for e in edges)}, ridge edges {max(e.ridges for e in edges)},"
         f" upper edge {max(e.upper_excess for e in edges):+d} to the neckline's",
+        f"{len(needless)} of {counted} edges bend to and fro more often than asked, at most"
+        f" {max((one.depth for one in needless), default=0.0):.2f} mm deep",
         f"tightest radius {min(row.radius for row in rows):.1f} mm",
         f"RMS {np.median([row.rms for row in rows]):.3f} mm (median)",
         f"standard deviation of the dimensions {_median_of_medians(spreads):.2f} mm (median of the medians), largest"
