@@ -13,6 +13,7 @@ RUNNABLE = sorted(
 )
 PARTS = {
     "analytic_torso.py",
+    "bends.py",
     "check_cup.py",
     "check_measures.py",
     "check_pages.py",
