@@ -23,6 +23,8 @@ OPTIONS = WITH_VALUE | {
     "--help", "--hydra-help", "--version", "--resolve", "--run", "--multirun", "--shell-completion", "--info",
 }  # fmt: skip
 """The long options of Hydra; what an option begins with means it too."""
+_SHORT = 3
+"""Characters of the longest short option."""
 _SETTING = re.compile(r"[+~]*[^\W\d][\w./@-]*(=.*)?", re.DOTALL)
 
 
@@ -38,6 +40,8 @@ def prepared(arguments: Sequence[str]) -> list[str]:
     named = next((text for text in settings if text.partition("=")[0] == "scans"), None)
     for word in options:
         _check_option(word)
+    if "=" in paths:
+        raise ConfigError("a setting is written without spaces: key=value, as in cup.panels=3")
     for path in paths:
         if path in _names() and not Path(path).exists():
             raise ConfigError(f"{path}: there is no such file or folder; a setting needs its value: {path}=VALUE")
@@ -55,12 +59,15 @@ def _check_option(word: str) -> None:
         ConfigError: names the setting that is meant, if there is one like it.
     """
     option, equals, value = word.partition("=")
-    if not option.startswith("--") or any(known.startswith(option) for known in OPTIONS):
+    long = option.startswith("--")
+    if (long and any(known.startswith(option) for known in OPTIONS)) or (not long and len(option) <= _SHORT):
         return
     name = option.lstrip("-").replace("-", "_")
     found = [name] if name.partition(".")[0] in _names() else settings_called(name)
     if found:
         raise ConfigError(f"{word}: settings have no dashes, write {found[0]}={value if equals else 'VALUE'}")
+    if not long:
+        return
     raise ConfigError(f"{word}: there is no such option, and no setting of that name; brafit --help shows all settings")
 
 

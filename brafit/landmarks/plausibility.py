@@ -72,7 +72,8 @@ def _check_wire_length(file: Path, length: float) -> None:
     unit = unit_of(length, WIRE_LENGTH, WIRE_USUAL)
     if unit:
         both = f'write "units": "{unit}", or set scan.units={unit}, if the cloud is in {NAMES[unit]} too'
-        remedy = f'It looks like {NAMES[unit]}: {both}; take "units" out of {file.name} if only the landmarks are'
+        out = f'take "units" out of {file.name}, and scan.units off the command, if only the landmarks are'
+        remedy = f"It looks like {NAMES[unit]}: {both}; {out}"
         raise OtherUnitError(file, cause, remedy, unit)
     remedy = "Check the unit, and that the points are in order from the inner to the outer end"
     raise InputError(file, cause, remedy)

@@ -360,8 +360,9 @@ def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number:
     casing = options.wire["casing"] if "wire" in kinds else 0.0
     needed = [piece.name, number, name, f"{side} cup", options.size and f"size {options.size}"]
     needed += [f"cut {options.quantity}"]  # of a pair both sides are drawn, and each says so for itself
-    needed += [f"allowance {allowance}", *cloth_words(options)]
-    further = [f"casing {options.length(casing)} more" if casing else "", ease_words(options), date]
+    needed += [f"allowance {allowance}", f"casing {options.length(casing)} more" if casing else ""]
+    needed += cloth_words(options)
+    further = [ease_words(options), date]
     return _told(needed), _told(further)
 
 

@@ -47,8 +47,9 @@ def write_index(
     told = zip(rows, warnings, places, strict=True)
     lines = "\n".join(_index_line(row, own, keys, quote(os.fsencode(place))) for row, own, place in told)
     good, warned = sum(row.get("status") == "ok" for row in rows), sum(bool(told) for told in warnings)
+    failed = f", {len(rows) - good} failed" if good < len(rows) else ""
     body = (
-        f"<h1>bra cups</h1><p>{good} of {len(rows)} scans ok, {warned} with warnings. "
+        f"<h1>bra cups</h1><p>{good} of {len(rows)} scans ok, {warned} with warnings{failed}. "
         "Lengths in mm, angles in degrees. Click a heading to sort, a scan for its report.</p>"
         '<input type="checkbox" id="every"> <label for="every">all figures</label>'
         f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead>'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import itertools
+import os
 import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -69,17 +70,24 @@ def find_scans(
     entries = [scans] if isinstance(scans, str | Path) else list(scans)
     if not entries:
         raise InputError("scans", "the list is empty", "Name a folder, a pattern, a file, or 'samples'")
-    found: dict[Path, Path] = {}
+    found: dict[str, Path] = {}
     fruitless: list[str] = []
     for entry in entries:
         paths = _expand(str(entry), search)
         if not paths:
             fruitless.append(str(entry))
-        found.update((path.resolve(), path) for path in paths)
+        found.update((_absolute(path), path) for path in paths)
     if not found:
         raise _nothing(fruitless[0], search)
-    found.update((Path(entry).resolve(), Path(entry)) for entry in fruitless)
+    found.update((_absolute(Path(entry)), Path(entry)) for entry in fruitless)
     return sorted(found.values())
+
+
+def _absolute(path: Path) -> str:
+    """What tells files apart that are named more than once. Links are files of their own: two of them may lead to one
+    cloud, each with landmarks of its own.
+    """
+    return os.path.abspath(path)
 
 
 def passed_over(

@@ -185,7 +185,10 @@ def _body_and_apex(marked: Marked, marks: Landmarks) -> tuple[Body, np.ndarray]:
         return body_from_marks(np.stack([inner, outer]), below, front, marks.side), apex
     if not marked.whole.is_torso:
         remedy = "Give wire, or landmarks inner_end, outer_end, apex and strap_point; or scan the whole torso"
-        raise InputError(marks.path, "wire: missing, and the cloud is no torso in which to find it", remedy)
+        absent = [name for name in ("inner_end", "outer_end", "apex") if name not in marks.points]
+        absent += [] if bottom is not None or strap is not None else ["strap_point"]
+        cause = f"wire: its place is not given, and without {', '.join(absent)} it is found on a whole torso only"
+        raise InputError(marks.path, cause, remedy)
     points = marked.cloud.points
     body = body_of(points)
     return body, apex_of(points, body, marks.side) if apex is None else apex

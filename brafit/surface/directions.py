@@ -54,6 +54,6 @@ class Chart:
         sine = np.sinc(angle / np.pi)[:, None] * places
         return self.centre + radius[:, None] * (np.column_stack([sine, np.cos(angle)]) @ self.axes)
 
-    def area(self, places: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
+    def area(self, places: np.ndarray, radius: np.ndarray) -> np.ndarray:
         """Of the surface about places of an even grid, up to a factor."""
-        return np.asarray(radius) ** 2 * np.sinc(np.linalg.norm(places, axis=1) / np.pi)
+        return radius**2 * np.sinc(np.linalg.norm(places, axis=1) / np.pi)

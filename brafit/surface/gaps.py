@@ -69,9 +69,19 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
     low, high = values.min() + np.log(BOUNDS), values.max() - np.log(BOUNDS)
     bridge = chart.space(cells[bare], np.exp(np.clip(spline(cells[bare]), low, high)))
     gap = KDTree(dense).query(bridge)[0] > reach
-    area = chart.area(cells, size)
-    area[bare] = chart.area(cells[bare], np.linalg.norm(bridge - chart.centre, axis=1))
-    return Gaps(float(area[bare][gap].sum() / area.sum()), _thinned(bridge[gap], spacing))
+    surface = chart.space(cells, radius[KDTree(place).query(cells)[1]])
+    surface[bare] = bridge
+    area = chart.area(cells, np.linalg.norm(surface - chart.centre, axis=1))
+    return Gaps(float(area[_opened(surface, bridge[gap], reach)].sum() / area.sum()), _thinned(bridge[gap], spacing))
+
+
+def _opened(surface: np.ndarray, inner: np.ndarray, reach: float) -> np.ndarray:
+    """Which places lie in gaps, whose inner places are farther than `reach` from all data: these, and all that are
+    nearer than that to one of them.
+    """
+    if not len(inner):
+        return np.zeros(len(surface), dtype=bool)
+    return KDTree(inner).query(surface, distance_upper_bound=reach)[0] < np.inf
 
 
 def _within(polygon: np.ndarray, step: float) -> np.ndarray:

@@ -104,6 +104,8 @@ def test_options_with_values_are_those_of_hydra() -> None:
         (["--panels=3"], "--panels=3: settings have no dashes, write cup.panels=3"),
         (["--cup.panels=3"], "settings have no dashes, write cup.panels=3"),
         (["--pannels", "3"], "settings have no dashes, write cup.panels=VALUE"),
+        (["-panels", "3"], "settings have no dashes, write cup.panels=VALUE"),
+        (["cup.panels", "=", "3"], "a setting is written without spaces: key=value"),
         (["--zzz=3"], "--zzz=3: there is no such option"),
         (["+my.key=1"], "unknown setting '+my.key'; allowed: scans"),
         (["++cup.pannels=1"], "unknown setting '++cup.pannels'; did you mean cup.panels?"),

@@ -59,6 +59,14 @@ def test_several_are_joined_once_each(folder):
     assert names(find_scans(entries)) == names(sorted([*sample_paths(), *find_scans(f"{folder}/*.ply")]))
 
 
+def test_links_to_one_cloud_are_scans_each(folder):
+    for name in ("left", "right"):
+        (folder / f"{name}.ply").symlink_to(folder / "alone.ply")
+        (folder / f"{name}.json").write_text("{}")
+    assert names(find_scans(str(folder))) == ["a.ply", "b.ply", "left.ply", "right.ply"]
+    assert names(find_scans([str(folder / "left.ply"), f"{folder}/../{folder.name}/left.ply"])) == ["left.ply"]
+
+
 def test_a_fruitless_entry_among_others_is_reported_later(folder):
     assert "nowhere" in names(find_scans([str(folder), "nowhere"]))
 

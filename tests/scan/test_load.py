@@ -118,7 +118,8 @@ def test_missing_cloud_and_missing_landmark_file(tmp_path):
     [
         (
             {"wire": None, "landmarks": None},
-            "wire: missing, and the cloud is no torso in which to find it. "
+            "wire: its place is not given, and without inner_end, outer_end, apex, strap_point it is found on a whole "
+            "torso only. "
             "Give wire, or landmarks inner_end, outer_end, apex and strap_point; or scan the whole torso.",
         ),
         (
@@ -134,7 +135,7 @@ def test_missing_cloud_and_missing_landmark_file(tmp_path):
             {"wire": cup_frame_landmarks()["wire"] / 1000},
             "wire: 0.2041 mm long, it must be 80 to 600 mm. "
             'It looks like metres: write "units": "m", or set scan.units=m, if the cloud is in metres too; '
-            'take "units" out of breast.json if only the landmarks are.',
+            'take "units" out of breast.json, and scan.units off the command, if only the landmarks are.',
         ),
         (
             {"wire": cup_frame_landmarks()["wire"] * 10},
