@@ -59,7 +59,8 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
     size = float(np.median(radius))
     cells = _within(rim, 0.5 * spacing / size)
     # On the chart distances are about those on the surface over the radius, or less: nothing is overlooked by 0.8.
-    bare = np.isinf(KDTree(place).query(cells, distance_upper_bound=0.8 * reach / size)[0])
+    away, nearest = KDTree(place).query(cells)
+    bare = away >= 0.8 * reach / size
     if not bare.any():
         return Gaps(0.0, np.empty((0, 3)))
     most = min(RIM_LEAST + int(bare.sum()), RIM_MOST)
@@ -69,7 +70,7 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
     low, high = values.min() + np.log(BOUNDS), values.max() - np.log(BOUNDS)
     bridge = chart.space(cells[bare], np.exp(np.clip(spline(cells[bare]), low, high)))
     gap = KDTree(dense).query(bridge)[0] > reach
-    surface = chart.space(cells, radius[KDTree(place).query(cells)[1]])
+    surface = chart.space(cells, radius[nearest])
     surface[bare] = bridge
     area = chart.area(cells, np.linalg.norm(surface - chart.centre, axis=1))
     return Gaps(float(area[_opened(surface, bridge[gap], reach)].sum() / area.sum()), _thinned(bridge[gap], spacing))
