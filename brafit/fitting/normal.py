@@ -168,7 +168,7 @@ class PointRows:
         """At cups and their derivatives; `near` as in `normal_equations`."""
         shape, points = linear.shape, objective.targets.points[problems]
         edges, tangents = shape.edges[problems], shape.tangents[problems]
-        near = None if near is None else Feet(*(getattr(near, f.name)[problems] for f in fields(Feet)))
+        near = None if near is None else near.at(problems)
         iterations = _ITERATIONS if near is None else _FOLLOWING
         projection = project(points, edges, tangents, shape.stations, iterations, near)
         feet, distances = projection.feet, projection.distances

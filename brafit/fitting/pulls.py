@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -64,7 +63,7 @@ class Pulls:
             yield Pulls(
                 points=targets.points[own][order],
                 weights=targets.weights[own][order],
-                feet=at(rows.feet, (k, order)),
+                feet=rows.feet.at((k, order)),
                 directions=rows.directions[k, :count],
                 distances=rows.distances[k, :count],
                 slope=rows.slope[k, :count],
@@ -89,11 +88,6 @@ class Pulls:
         factor = torch.cat((own[:, None], -own[:, None] * foretold), dim=1).to(each)
         rest = torch.nn.functional.embedding_bag(near, each, mode="sum", per_sample_weights=factor)
         return rest.mT @ rest
-
-
-def at(feet: Feet, index: Any) -> Feet:
-    """Some of the feet."""
-    return Feet(*(getattr(feet, f.name)[index] for f in fields(Feet)))
 
 
 def _foretelling(

@@ -23,7 +23,7 @@ from torch.nn.utils.rnn import pad_sequence
 from brafit.cup.base import Linearised
 from brafit.fitting.normal import assembled, normal_equations, points_of
 from brafit.fitting.objective import Objective, Pressure
-from brafit.fitting.pulls import Pulls, at
+from brafit.fitting.pulls import Pulls
 from brafit.fitting.targets import PADDED
 from brafit.geometry.nearest import project
 from brafit.geometry.panels import Feet, Sums
@@ -61,7 +61,7 @@ def creases(group: Sequence[Pulls]) -> list[Float[Tensor, "columns columns"]]:
 def _below(pulls: Pulls, own: int, other: int) -> Int[Tensor, " some"]:
     """Numbers of a panel's points that may have a second foot in the panel beside it."""
     first, end = (int((pulls.feet.panel < panel).sum()) for panel in (own, own + 1))
-    feet = at(pulls.feet, slice(first, end))
+    feet = pulls.feet.at(slice(first, end))
     ruling = (pulls.edges[own + 1] - pulls.edges[own]).norm(dim=-1)
     away = (feet.u - float(other > own)).abs() * ruling[feet.interval]
     close = away < _STEEPEST * pulls.distances[first:end].abs()
@@ -79,7 +79,7 @@ def _second_feet(
     edges, tangents = (torch.stack([getattr(one, name)[both] for one in group]) for name in ("edges", "tangents"))
     found = project(points, edges, tangents, group[0].stations)
     for k, some in enumerate(near):
-        feet = at(found.feet, (k, slice(0, len(some))))
+        feet = found.feet.at((k, slice(0, len(some))))
         feet = Feet(feet.panel + other, feet.interval, feet.tau, feet.u)
         yield feet, found.directions[k, : len(some)], found.distances[k, : len(some)]
 

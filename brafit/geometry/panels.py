@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from jaxtyping import Float, Int
@@ -36,6 +37,10 @@ class Feet:
     interval: Int[Tensor, "*batch points"]
     tau: Float[Tensor, "*batch points"]
     u: Float[Tensor, "*batch points"]
+
+    def at(self, index: Any) -> "Feet":
+        """Some of the feet."""
+        return Feet(self.panel[index], self.interval[index], self.tau[index], self.u[index])
 
     def arc(self, stations: Float[Tensor, " n"]) -> Float[Tensor, "*batch points"]:
         """Wire arc length s* of the feet."""

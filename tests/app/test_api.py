@@ -188,8 +188,6 @@ def test_numbers_and_files_are_the_commands_for_left_and_right(tmp_path: Path) -
 
 def same(one: Any, other: Any) -> bool:
     """Equal but for the last digits, which the company in a batch may change."""
-    if isinstance(one, str | float) and one == other:  # most of the many lines of a drawing are
-        return True
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
     if isinstance(one, list):
