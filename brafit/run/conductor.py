@@ -217,6 +217,7 @@ class _Conductor:
     def close(self) -> None:
         complete = len(self.done) == self._total
         if not complete and self._overview is not None:
+            self.pool.close()  # no worker writes another result behind what is read now
             since = None if self._overview.resumed else self._begun
             for done in left_behind(self._overview, {done.name for done in self.done}, since):
                 self._finished(done)
