@@ -1,14 +1,23 @@
-"""Every test computes alike: one thread, a fixed seed. Shapes are checked as they run, see pyproject.toml."""
+"""Every test computes alike: one thread, a fixed seed. Shapes are checked as they run, see typecheck.py."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 import torch
+import typecheck
+
+typecheck.check_sparingly()
 
 
 def pytest_configure() -> None:
     torch.set_num_threads(1)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Before the fixtures that a test is the first to use."""
+    typecheck.begin_anew()
 
 
 @pytest.fixture(autouse=True)

@@ -107,9 +107,9 @@ def recipe_of(settings: Sequence[str]) -> Recipe:
     Raises:
         ConfigError: a setting that does not exist or is out of its range.
     """
-    from brafit.settings.compose import choices_of, from_settings, plain_settings  # Hydra takes a moment
+    from brafit.settings.compose import plain_composed  # Hydra takes a moment
 
-    return recipe_from_settings(plain_settings(from_settings([*settings, "out=unused"])), choices_of(settings))
+    return recipe_from_settings(*plain_composed((*settings, "out=unused")))
 
 
 def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) -> Recipe:
@@ -118,7 +118,7 @@ def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) 
     Args:
         settings: of the command, resolved, as plain values.
         names: the choices of the groups `cup` and `solver`, and where they were looked for, see
-            `brafit.settings.compose.choices_of`.
+            `brafit.settings.compose.composed`.
 
     Raises:
         ConfigError: a group's settings are not what its `_target_` takes.

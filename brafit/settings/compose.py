@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.singleton import Singleton
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, flag_override
 
 from brafit.errors import ConfigError
 from brafit.settings.checks import check, sources
@@ -95,19 +97,34 @@ def from_settings(settings: Sequence[str]) -> DictConfig:
     Raises:
         ConfigError: names the key, what came and what is allowed.
     """
-    config = _composed(settings)
-    check(config)
+    config, _ = composed(settings)
     return config
 
 
-def _composed(settings: Sequence[str]) -> DictConfig:
-    """As `from_settings`, without checks."""
+def composed(settings: Sequence[str]) -> tuple[DictConfig, dict[str, Any]]:
+    """The configuration of `from_settings`, and which choice of each group it makes, with the folders where choices of
+    others were looked for (SEARCH).
+
+    Raises:
+        ConfigError: names the key, what came and what is allowed.
+    """
+    config, choices = _composed(settings)
+    check(config)
+    return config, choices
+
+
+def _composed(settings: Sequence[str]) -> tuple[DictConfig, dict[str, Any]]:
+    """As `composed`, without checks."""
     given = readable_settings(settings)
     try:
         with _own_hydra():
-            return compose("config", overrides=given)
+            config = compose("config", overrides=given, return_hydra_config=True)
     except Exception as error:
         raise ConfigError(explain(error, given)) from error
+    choices = dict(config.hydra.runtime.choices) | searched(config.hydra)
+    with flag_override(config, ("readonly", "struct"), False):
+        del config["hydra"]
+    return config, choices
 
 
 def readable_settings(settings: Sequence[str]) -> list[str]:
@@ -158,13 +175,6 @@ def help_text() -> str:
     return f"{words.header}\n{settings}\n{words.footer}"
 
 
-def choices_of(settings: Sequence[str]) -> dict[str, Any]:
-    """Which choice of each group these settings make, and where choices of others were looked for (SEARCH)."""
-    with _own_hydra():
-        hydra = compose("config", overrides=list(settings), return_hydra_config=True).hydra
-    return dict(hydra.runtime.choices) | searched(hydra)
-
-
 def searched(hydra: Any) -> dict[str, str]:
     """The setting SEARCH for the folders that Hydra looked in: those of `--config-dir` and of the setting itself; empty
     if there were none.
@@ -181,6 +191,25 @@ def plain_settings(config: DictConfig) -> dict[str, Any]:
     return {str(key): value for key, value in settings.items()} | {"scans": sources(config)}
 
 
+def plain_composed(settings: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What `composed` gives, as plain values. Hydra takes longer over it than a small fit, so it is done once for
+    settings that name all they depend on.
+
+    Raises:
+        ConfigError: names the key, what came and what is allowed.
+    """
+    elsewhere = any("$" in text or SEARCH in text for text in settings)  # the environment, or files that may change
+    return copy.deepcopy((_plain if elsewhere else _plain_once)(tuple(settings)))
+
+
+def _plain(settings: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    config, choices = composed(settings)
+    return plain_settings(config), choices
+
+
+_plain_once = lru_cache(maxsize=64)(_plain)
+
+
 def varied(
     settings: Mapping[str, Any], names: Mapping[str, Any], overrides: Sequence[str]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -193,7 +222,7 @@ def varied(
     """
     groups = {text.partition("=")[0]: text.partition("=")[2] for text in overrides}
     chosen = {key: value for key, value in groups.items() if key in names}
-    base = _composed([f"{key}={value}" for key, value in {**names, **chosen}.items() if value] + ["out=unused"])
+    base, _ = _composed([f"{key}={value}" for key, value in {**names, **chosen}.items() if value] + ["out=unused"])
     given = {key: value for key, value in settings.items() if key not in chosen}
     plain = [text for text in overrides if text.partition("=")[0] not in chosen]
     try:

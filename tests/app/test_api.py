@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -164,17 +165,19 @@ def mirrored(path: Path, folder: Path) -> Path:
 
 
 def test_numbers_and_files_are_the_commands_for_left_and_right(tmp_path: Path) -> None:
-    paths = [*sample_paths(), *(mirrored(path, tmp_path) for path in sample_paths())]
+    paths = [*sample_paths()[:2], *(mirrored(path, tmp_path) for path in sample_paths()[:2])]
     listed = ",".join(map(str, paths))
     command = [sys.executable, "-m", "brafit", f"scans=[{listed}]", "experiment=lean", f"out={tmp_path / 'out'}"]
     subprocess.run(command, check=True, capture_output=True)
-    for path in paths:
+    for number, path in enumerate(paths):
         cloud, marks = read_cloud(path), read_landmarks(path.with_suffix(".json"))
         arrays: dict[str, Any] = {name: marks.points.get(name) for name in ("strap_point", "apex")}
         arrays |= {"wire": marks.wire, "neckline": marks.upper_line, "inside": cloud.inside, "side": marks.side}
         arrays["name"] = path.stem
         by_command = tmp_path / "out" / path.stem
-        inputs: list[tuple[Any, dict[str, Any]]] = [(load_scan(path), {}), (path, {}), (cloud.points, arrays)]
+        # a file and a Scan by turns: left and right of each
+        loaded = path if number in (0, 3) else load_scan(path)
+        inputs: list[tuple[Any, dict[str, Any]]] = [(loaded, {}), (cloud.points, arrays)]
         for given, named in inputs:
             folder = tmp_path / f"{path.stem}_{type(given).__name__}"
             brafit.fit(given, settings=["experiment=lean"], **named).save(folder)
@@ -193,7 +196,7 @@ def same(one: Any, other: Any) -> bool:
     if isinstance(one, list):
         return len(one) == len(other) and all(map(same, one, other))
     try:
-        return float(one) == pytest.approx(float(other), rel=1e-6, abs=2e-4)
+        return math.isclose(float(one), float(other), rel_tol=1e-6, abs_tol=2e-4)
     except (TypeError, ValueError):
         return one == other
 

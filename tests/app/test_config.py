@@ -21,7 +21,7 @@ from brafit.fitting.loss import point_loss
 from brafit.geometry.ritz import BASES
 from brafit.scan import Preparation, load_scan
 from brafit.settings.checks import check, sources
-from brafit.settings.compose import explain, register
+from brafit.settings.compose import explain, plain_composed, register
 
 CONF = Path(__file__).parents[2] / "conf"
 
@@ -284,3 +284,16 @@ def test_no_group_shares_its_name_with_a_scalar() -> None:
     """Hydra would take `name=value` for a choice."""
     scalars = yaml.safe_load((CONF / "config.yaml").read_text()).keys() - {"defaults", "hydra"}
     assert not scalars & {folder.name for folder in CONF.iterdir() if folder.is_dir()}
+
+
+def test_settings_that_were_composed_before_are_their_callers_own(tmp_path: Path, monkeypatch) -> None:
+    first, again = (plain_composed(["cup.panels=3", "out=a"])[0] for _ in range(2))
+    first["cup"]["panels"] = 9
+    assert again["cup"]["panels"] == plain_composed(["cup.panels=3", "out=a"])[0]["cup"]["panels"] == 3
+    own = [f"hydra.searchpath=[file://{tmp_path}]", "experiment=mine", "out=a"]
+    (tmp_path / "experiment").mkdir()
+    for count in (4, 5):  # a file may change, and the environment
+        (tmp_path / "experiment/mine.yaml").write_text(f"# @package _global_\nrestarts: {count}\n")
+        assert plain_composed(own)[0]["restarts"] == count
+        monkeypatch.setenv("STARTS", str(count))
+        assert plain_composed(["restarts=${oc.env:STARTS}", "out=a"])[0]["restarts"] == count
