@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from brafit.cup.condition import Gaps
+from brafit.cup.edge_gaps import Gaps
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH, Lines, Wire
 from brafit.geometry.development import FlatPanel

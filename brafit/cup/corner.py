@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from brafit.cup.condition import Gaps
+from brafit.cup.edge_gaps import Gaps
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH
 from brafit.geometry.products import weighted_rows

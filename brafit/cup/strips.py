@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from brafit.cup.base import Cup, Linearised
-from brafit.cup.condition import Gaps
 from brafit.cup.corner import CORNER_REACH, CORNER_SIZE, corner_gap, cornered
+from brafit.cup.edge_gaps import Gaps
 from brafit.cup.shape import CupShape
 from brafit.cup.strip_chain import chain_shape, march, series
 from brafit.cup.strip_derivatives import linearised

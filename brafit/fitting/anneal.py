@@ -9,16 +9,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from brafit.cup.base import derivatives
 from brafit.fitting import adam, lbfgs
+from brafit.fitting.closure import whitening
 from brafit.fitting.normal import normal_equations
 from brafit.fitting.objective import Evaluation, Objective, Pressure
-from brafit.fitting.result import ResultCode
-from brafit.fitting.solver import Callback, Solution, Step
+from brafit.fitting.schedule import Ending, Schedule, Tell
+from brafit.fitting.solver import Callback, Solution
 
 OPTIMISERS = ("adam", "lbfgs")
-LOOKS = 3
-"""How often the weights of barrier and neckline may be raised."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +33,7 @@ class Stage:
             only near a minimum.
         points: points of each cloud that the stage uses. None: all. 0: none; the edges are fitted to the start's curves
             (`brafit.fitting.start`) instead.
+        keep: starts per scan that go on after the stage; None: all.
 
     Raises:
         ValueError: another optimiser, fewer than 0 steps, or a penalty or damping that is not positive.
@@ -46,6 +45,7 @@ class Stage:
     rate: float = 0.03
     damping: float = 1e-7
     points: int | None = None
+    keep: int | None = None
 
     def __post_init__(self) -> None:
         if self.optimiser not in OPTIMISERS:
@@ -54,79 +54,55 @@ class Stage:
             got = f"{self.steps}, {self.penalty}, {self.damping}"
             raise ValueError(f"a stage needs steps >= 0, penalty > 0 and damping > 0, got {got}")
 
+    @property
+    def name(self) -> str:
+        return self.optimiser
+
+    @property
+    def settled(self) -> bool:
+        """Whether an upper edge that is off its neckline after the stage would be off at the end, too: it may not."""
+        return False
+
+    @property
+    def relieves(self) -> bool:
+        """Whether multipliers take over what the penalty held: Adam ends too far from a minimum."""
+        return self.optimiser == "lbfgs"
+
 
 class Anneal:
-    """Runs its stages in turn; after each L-BFGS stage the multipliers take over what the penalty held.
+    """Runs its stages in turn (`brafit.fitting.schedule`); after each L-BFGS stage the multipliers take over what the
+    penalty held.
 
     Args:
         stages: the schedule (`Stage`s or mappings with their fields).
         tolerance: relative change of the value at which a stage of L-BFGS has converged.
+
+    Raises:
+        ValueError: there is no stage.
     """
 
     def __init__(self, stages: Sequence[Stage | dict], tolerance: float = 1e-6):
         self.stages = [s if isinstance(s, Stage) else Stage(**s) for s in stages]
         self.tolerance = tolerance
+        self._schedule = Schedule(self.stages, self._minimise)
 
     def solve(self, objective: Objective, start: Float[Tensor, "batch size"], callback: Callback | None) -> Solution:
-        """Minimise every problem of the objective from its start. Problems that diverge are frozen where they were
-        last finite.
+        """Minimise every problem of the objective from its start. A problem that diverges stays where it was last
+        finite.
         """
-        run = _Run.of(start, sum(s.steps for s in self.stages), self.stages[-1].penalty)
-        for number, stage in enumerate(self.stages):
-            self._stage(
-                run, objective, f"{number + 1} {stage.optimiser}", stage, (~run.diverged).nonzero()[:, 0], callback
-            )
-            run.done += stage.steps
-        grid = objective
-        for _ in range(0 if objective.cup.constrained else LOOKS):
-            left = (~run.diverged).nonzero()[:, 0]
-            part, place = objective.select(left), run.place[left]
-            shape = part.cup.shape_of(place)
-            low, factor = shape.margin.amin((-2, -1)) < objective.conditions.margin, part.neckline_factor(shape)
-            pull = part.seam_factor(shape)
-            wanting = low | (factor > 1) | (pull > 1)
-            if not wanting.any():
-                break
-            run.barrier[left[low]] *= 10
-            run.neckline[left] *= factor[:, None]
-            run.seam[left] *= pull[:, None]
-            grid = grid.finer()
-            self._stage(run, grid, "raised", self.stages[-1], left[wanting], callback)
-        live = (~run.diverged).nonzero()[:, 0]
-        penalty = self.stages[-1].penalty
-        if len(live):
-            run.place[live] = close(objective.select(live), run.place[live], run.pressure(penalty, live))
-        codes = [
-            ResultCode.DIVERGED if d else ResultCode.CONVERGED if c else ResultCode.STEP_LIMIT
-            for d, c in zip(run.diverged.tolist(), run.converged.tolist(), strict=True)
-        ]
-        return Solution(run.place, codes, run.evaluations, run.pressure(penalty))
+        return self._schedule.solve(objective, start, callback)
 
-    def _stage(
-        self, run: "_Run", objective: Objective, name: str, stage: Stage, live: Tensor, callback: Callback | None
-    ) -> None:
-        """One stage of the live problems."""
-        if len(live) == 0:
-            return
-        part, pressure = objective.select(live).seen(stage.points), run.pressure(stage.penalty, live)
-        watch = _Watch(part, pressure, callback, name, run.done, run.total)
-        if stage.optimiser == "adam":
-            run.place[live], bad = adam.descend(
-                watch.evaluate, run.place[live], stage.steps, stage.rate, callback=watch.report
-            )
-            run.evaluations[live] += stage.steps
-        else:
-            ending = self._lbfgs(watch, run.place[live], stage)
-            run.place[live], bad = ending.place, ending.diverged
-            run.converged[live] = ending.converged
-            run.evaluations[live] += ending.evaluations
-            shape = part.cup.shape_of(run.place[live])
-            for constraint, value in part.constraints(shape).items():
-                kept = run.multipliers.setdefault(constraint, value.new_zeros(len(run.place), value.shape[1]))
-                kept[live] += stage.penalty * value.detach()
-        run.diverged[live] |= bad
+    def _minimise(self, objective: Objective, place: Tensor, pressure: Pressure, stage: Stage, tell: Tell) -> Ending:
+        """One stage."""
+        watch = _Watch(objective.seen(stage.points), pressure, tell)
+        if stage.optimiser == "lbfgs":
+            return self._lbfgs(watch, place, stage)
+        best, diverged = adam.descend(watch.evaluate, place, stage.steps, stage.rate, callback=watch.report)
+        steps = torch.full_like(diverged, stage.steps, dtype=torch.long)
+        value = watch.objective.value(best, pressure)
+        return Ending(best, value, torch.zeros_like(diverged), diverged, steps)
 
-    def _lbfgs(self, watch: "_Watch", place: Tensor, stage: Stage) -> lbfgs.Minimum:
+    def _lbfgs(self, watch: _Watch, place: Tensor, stage: Stage) -> Ending:
         transform = whitening(normal_equations(watch.objective, place, watch.pressure).matrix, stage.damping)
 
         def scaled(z: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
@@ -134,93 +110,18 @@ class Anneal:
             value, gradient = watch.evaluate(place[index] + (own * z[:, None, :]).sum(-1), index)
             return value, (own * gradient[:, :, None]).sum(-2)
 
-        ending = lbfgs.minimise(
+        found = lbfgs.minimise(
             scaled, torch.zeros_like(place), stage.steps, tolerance=self.tolerance, reach=1.0, callback=watch.report
         )
-        moved = place + (transform * ending.place[:, None, :]).sum(-1)
-        return lbfgs.Minimum(moved, ending.value, ending.converged, ending.diverged, ending.evaluations)
-
-
-@dataclass
-class _Run:
-    """Where all problems of a run stand."""
-
-    place: Tensor
-    diverged: Tensor
-    converged: Tensor
-    evaluations: Tensor
-    barrier: Tensor
-    neckline: Tensor
-    seam: Tensor
-    multipliers: dict[str, Tensor]
-    total: int
-    final: float
-    done: int = 0
-
-    @staticmethod
-    def of(start: Tensor, total: int, final: float) -> "_Run":
-        no = torch.zeros(len(start), dtype=torch.bool, device=start.device)
-        barrier, neckline, seam = (torch.ones_like(start[:, :1]) for _ in range(3))
-        return _Run(start.clone(), no, no.clone(), no.long(), barrier, neckline, seam, {}, total, final)
-
-    def pressure(self, penalty: float, live: Tensor | None = None) -> Pressure:
-        whole = Pressure(penalty, self.multipliers, self.barrier, self.neckline, self.seam, self.final)
-        return whole if live is None else whole.select(live)
-
-
-def close(objective: Objective, place: Float[Tensor, "batch size"], pressure: Pressure) -> Float[Tensor, "batch size"]:
-    """Fulfil the cup's closure equations to round-off by the least change, measured by the objective's Gauss-Newton
-    matrix.
-
-    Args:
-        objective: the problems.
-        place: their parameters.
-        pressure: weights of constraints, barrier and neckline.
-    """
-    cup = objective.cup
-    if not cup.constrained:  # closed by construction
-        return place
-
-    def closure(flat: Tensor) -> Tensor:
-        value = cup.closure(cup.shape_of(flat))
-        return flat.new_zeros(len(flat), 0) if value is None else value
-
-    if closure(place).shape[1] == 0:
-        return place
-    # damped, so that the least change is no long step in a direction that the objective hardly sees
-    transform = whitening(normal_equations(objective, place, pressure).matrix, damping=1e-4)
-    for _ in range(8):
-        gap = closure(place)
-        jacobian = derivatives(lambda flat: (closure(flat),), place)[0].movedim(0, -1)
-        change = []
-        for j, w, g in zip(jacobian, transform, gap, strict=True):
-            change.append(-w @ torch.linalg.lstsq(j @ w, g[:, None], driver="gelsd").solution[:, 0])
-        place = place + torch.stack(change)
-    return place
-
-
-def whitening(matrix: Float[Tensor, "batch size size"], damping: float = 1e-7) -> Float[Tensor, "batch size size"]:
-    """W with W^T A W = 1 for A = matrix + damping max(diag) 1; the identity where A is not positive definite or not
-    finite.
-    """
-    size = matrix.shape[-1]
-    identity = torch.eye(size, dtype=matrix.dtype, device=matrix.device)
-    result = []
-    for a in matrix:  # one at a time, so that rounding does not depend on the batch
-        factor, failed = torch.linalg.cholesky_ex(a + damping * a.diagonal().max() * identity)
-        usable = failed == 0 and bool(factor.isfinite().all())
-        result.append(torch.linalg.solve_triangular(factor, identity, upper=False).mT if usable else identity)
-    return torch.stack(result)
+        moved = place + (transform * found.place[:, None, :]).sum(-1)
+        return Ending(moved, found.value, found.converged, found.diverged, found.evaluations)
 
 
 class _Watch:
-    """Evaluates the live problems of a stage and tells the callback what it saw."""
+    """Evaluates the problems of a stage and tells what it saw."""
 
-    def __init__(
-        self, objective: Objective, pressure: Pressure, callback: Callback | None, stage: str, done: int, total: int
-    ):
-        self.objective, self.pressure = objective, pressure
-        self._callback, self._stage, self._done, self._total = callback, stage, done, total
+    def __init__(self, objective: Objective, pressure: Pressure, tell: Tell):
+        self.objective, self.pressure, self._tell = objective, pressure, tell
         self._subset: tuple[Tensor, Objective, Pressure] | None = None
         self._seen: Evaluation | None = None
         self._scans = objective.groups
@@ -235,5 +136,5 @@ class _Watch:
         return self._seen.value, self._seen.gradient
 
     def report(self, count: int) -> None:
-        if self._callback is not None and self._seen is not None:
-            self._callback(Step(self._stage, self._done + count, self._total, self._seen.terms, self._scans))
+        if self._seen is not None:
+            self._tell(count, self._seen.terms, self._scans)

@@ -10,10 +10,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from brafit.cup.base import Linearised
-from brafit.cup.condition import Gaps, station_weights
+from brafit.cup.edge_gaps import Gaps
 from brafit.cup.shape import CupShape
 from brafit.fitting.loss import Loss, square
 from brafit.geometry.developable import dot
+from brafit.geometry.grid import station_weights
 
 Rows = Callable[[Linearised], Tensor]
 """Derivatives of residuals (batch, m, columns) from the cups' linearisation."""

@@ -29,7 +29,6 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from brafit.cup.base import Cup
-from brafit.cup.condition import station_weights
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
 from brafit.fitting.measure import in_millimetres
@@ -39,6 +38,7 @@ from brafit.fitting.pulls import Pulls
 from brafit.fitting.stiffness import bends, creases, softened, spanned
 from brafit.geometry.developable import dot
 from brafit.geometry.development import FlatPanel
+from brafit.geometry.grid import station_weights
 
 ALTERNATIVES = 24
 """Directions of the covariance that are kept: those that move the edges most."""

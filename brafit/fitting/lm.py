@@ -8,26 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 
-from brafit.fitting.anneal import LOOKS, close
 from brafit.fitting.bending import Bending
 from brafit.fitting.fairness import Shares
 from brafit.fitting.normal import Normal, normal_equations
 from brafit.fitting.objective import APEX, Objective, Pressure
-from brafit.fitting.result import ResultCode
-from brafit.fitting.solver import Callback, Solution, Step
+from brafit.fitting.schedule import APART, Ending, Schedule, Tell
+from brafit.fitting.solver import Callback, Solution
 from brafit.geometry.products import dots, solved_each
-from brafit.remarks import Remark
 
 _SHORTEST = 1e-2
 """A step is not shortened further than this."""
-_WORTH = 1.08
-"""A neckline's weight that is to be raised by less is not worth fitting again."""
 _SEARCHING = 4
 """Nearest points are searched anew in the first _SEARCHING steps and then in every _SEARCHING-th one; in between they
 are followed."""
@@ -77,139 +72,62 @@ class LMStage:
         if self.steps < 1 or not self.penalty > 0:
             raise ValueError(f"a stage needs steps >= 1 and penalty > 0, got {self.steps} and {self.penalty}")
 
+    @property
+    def name(self) -> str:
+        return "lm"
+
+    @property
+    def settled(self) -> bool:
+        """Whether an upper edge that is off its neckline after the stage would be off at the end, too: all terms are
+        free and no other weights hold it back.
+        """
+        return self.terms is None and self.fairness == self.plainness == 1
+
+    @property
+    def relieves(self) -> bool:
+        """Whether multipliers take over what the penalty held: always."""
+        return True
+
 
 @dataclass(frozen=True)
-class Minimum:
-    """Where B minimisations ended.
+class Minimum(Ending):
+    """Where B minimisations ended, and how they came there.
 
     Attributes:
-        place, value, margin: the best place, its value and regularity margin.
         history: value after every step; the last one repeats once a problem has ended.
     """
 
-    place: Float[Tensor, "batch size"]
-    value: Float[Tensor, " batch"]
-    margin: Float[Tensor, " batch"]
-    converged: Bool[Tensor, " batch"]
-    diverged: Bool[Tensor, " batch"]
-    steps: Int[Tensor, " batch"]
     history: Float[Tensor, "steps batch"]
 
 
 class LM:
-    """Runs its stages in turn.
+    """Runs its stages in turn (`brafit.fitting.schedule`).
 
     Args:
         stages: the schedule (`LMStage`s or mappings with their fields).
-        margin: how far the regularity margin of a finished cup may lie below `Conditions.margin`. A cup below that
-            gets a barrier ten times as strong, and its fit is repeated on a finer grid. If its upper edge ends farther
-            from the neckline than `Conditions.neckline_limit`, the neckline's weight is raised and the fit repeated
-            likewise. This second check also runs after every earlier stage that frees all terms and does not change
-            the weights of fairness and plainness.
+        margin: how far the regularity margin of a finished cup may lie below `Conditions.margin`.
         apart: by which share of the best start's objective another start must end above it to count as another optimum.
 
     Raises:
         ValueError: there is no stage.
     """
 
-    def __init__(self, stages: Sequence[LMStage | dict], margin: float = 0.0, apart: float = 0.05):
-        if not stages:
-            raise ValueError("solver.stages needs at least one stage")
+    def __init__(self, stages: Sequence[LMStage | dict], margin: float = 0.0, apart: float = APART):
         self.stages = [s if isinstance(s, LMStage) else LMStage(**s) for s in stages]
         self.margin, self.apart = margin, apart
+        Schedule(self.stages, _minimised)
 
     def solve(self, objective: Objective, start: Float[Tensor, "batch size"], callback: Callback | None) -> Solution:
         """Minimise every problem of the objective from its start."""
-        place, batch = start.clone(), len(start)
-        live = torch.arange(batch, device=start.device)
-        value = torch.full_like(start[:, 0], torch.inf)
-        codes = [ResultCode.DIVERGED] * batch
-        steps = torch.zeros(batch, dtype=torch.long, device=start.device)
-        barrier, neckline, seam = (torch.ones_like(start[:, :1]) for _ in range(3))
-        multipliers: dict[str, Tensor] = {}
-        penalty = self.stages[-1].penalty
-        stages = [s for s in self.stages if not s.leading or objective.conditions.seam == APEX]
-        total, done = sum(s.steps for s in stages), 0
-        notes: list[list[Remark]] = [[] for _ in range(batch)]
+        leading = objective.conditions.seam == APEX
+        stages = [stage for stage in self.stages if leading or not stage.leading]
+        return Schedule(stages, _minimised, self.margin, self.apart).solve(objective, start, callback)
 
-        for number, stage in enumerate(stages):
-            last = number == len(stages) - 1
-            running, grid = live, objective
-            for _ in range(LOOKS + 1 if last else 1):
-                part, place[running] = staged(grid.select(running), place[running], stage)
-                pressure = Pressure(stage.penalty, multipliers, barrier, neckline, seam, penalty).select(running)
-                tell = partial(_tell, callback, f"{number + 1} lm", done, total)
-                ending = minimise(part, place[running], pressure, stage, tell)
-                place[running], value[running] = ending.place, ending.value
-                steps[running] += ending.steps
-                flags = zip(running.tolist(), ending.diverged.tolist(), ending.converged.tolist(), strict=True)
-                for row, diverged, converged in flags:
-                    code = ResultCode.CONVERGED if converged else ResultCode.STEP_LIMIT
-                    codes[row] = ResultCode.DIVERGED if diverged else code
-                if not (last or self._settled(stage, objective)):
-                    break
-                shape = part.cup.shape_of(ending.place) if last else part.cup.sketch(ending.place)
-                factor = part.neckline_factor(shape)
-                neckline[running] *= factor[:, None]
-                if not last:
-                    break
-                low = shape.margin.amin((-2, -1)) < objective.conditions.margin - self.margin
-                barrier[running[low]] *= 10
-                pull = part.seam_factor(shape)
-                seam[running] *= pull[:, None]
-                running = running[low | (factor > _WORTH) | (pull > 1)]
-                if len(running) == 0:
-                    break
-                grid = grid.finer()
-            left = objective.constraints(objective.cup.sketch(place)) if objective.cup.constrained else {}
-            for name, residual in left.items():
-                kept = multipliers.setdefault(name, torch.zeros_like(residual))
-                kept[live] += stage.penalty * residual[live].detach()
-            done += stage.steps
-            value[value.isnan()] = torch.inf
-            if stage.keep is not None:
-                final = stage.keep == min(s.keep for s in stages if s.keep is not None)
-                live = self._drop(live, value, objective.rivals, stage.keep, codes, notes if final else None)
-        pressure = Pressure(penalty, multipliers, barrier, neckline, seam)
-        return Solution(close(objective, place, pressure), codes, steps, pressure, notes)
 
-    @staticmethod
-    def _settled(stage: LMStage, objective: Objective) -> bool:
-        """Whether an upper edge that is off its neckline after the stage would be off at the end, too."""
-        return stage.terms is None and stage.fairness == stage.plainness == 1
-
-    def _drop(
-        self,
-        live: Tensor,
-        value: Tensor,
-        groups: Tensor,
-        keep: int,
-        codes: list[ResultCode],
-        notes: list[list[Remark]] | None,
-    ) -> Tensor:
-        """The best `keep` of each group's live problems; the others are marked, and noted where they had converged
-        elsewhere.
-        """
-        ends, owners = value.tolist(), groups.tolist()  # once: there may be thousands, and the values on a device
-        rows: dict[int, list[int]] = {}
-        for row in live.tolist():
-            rows.setdefault(owners[row], []).append(row)
-        chosen = []
-        for own in rows.values():
-            order = sorted(own, key=lambda row: ends[row])
-            best, dropped = ends[order[0]], order[keep:]
-            chosen += order[:keep]
-            apart = [
-                row for row in dropped if codes[row] is ResultCode.CONVERGED and ends[row] > (1 + self.apart) * best
-            ]
-            for row in dropped:
-                codes[row] = ResultCode.DROPPED
-            if apart and notes is not None:
-                worst = max(ends[row] for row in apart) / best - 1
-                words = f"{len(apart)} of the last {len(own)} starts ended in another optimum, up to {worst:.0%} worse"
-                for row in order[:keep]:
-                    notes[row].append(Remark("starts_apart", words))
-        return torch.tensor(sorted(chosen), device=live.device)
+def _minimised(objective: Objective, place: Tensor, pressure: Pressure, stage: LMStage, tell: Tell) -> Ending:
+    """One stage."""
+    part, begun = staged(objective, place, stage)
+    return minimise(part, begun, pressure, stage, tell)
 
 
 def staged(
@@ -223,22 +141,9 @@ def staged(
     return objective, objective.cup.place_corner(place, targets.connection, targets.has_connection)
 
 
-def _tell(
-    callback: Callback | None,
-    stage: str,
-    done: int,
-    total: int,
-    index: int,
-    terms: dict[str, Tensor],
-    scans: Tensor,
-) -> None:
-    if callback is not None:
-        callback(Step(stage, done + index, total, terms, scans))
-
-
 @torch.no_grad()
 def minimise(
-    objective: Objective, start: Float[Tensor, "batch size"], pressure: Pressure, stage: LMStage, tell
+    objective: Objective, start: Float[Tensor, "batch size"], pressure: Pressure, stage: LMStage, tell: Tell
 ) -> Minimum:
     """Minimise every problem by the terms that are free in the stage.
 
@@ -252,7 +157,7 @@ def minimise(
     index = torch.arange(batch, device=start.device)
     place, result = start, start.clone()
     here = normal_equations(objective, place, pressure, terms)
-    value, margin = here.value.clone(), here.margin.clone()
+    value = here.value.clone()
     converged = torch.zeros(batch, dtype=torch.bool, device=start.device)
     diverged = ~(here.value.isfinite() & here.matrix.isfinite().all(-1).all(-1))
     steps = torch.zeros(batch, dtype=torch.long, device=start.device)
@@ -291,10 +196,10 @@ def minimise(
         steps[index] += running
         ended[index] |= finished
         converged[index] |= finished
-        value[index], result[index], margin[index] = here.value, place, here.margin
+        value[index], result[index] = here.value, place
         history.append(value.clone())
         tell(count, here.terms, objective.groups)
-    return Minimum(result, value, margin, converged, diverged, steps, torch.stack(history) if history else value[None])
+    return Minimum(result, value, converged, diverged, steps, torch.stack(history) if history else value[None])
 
 
 def _step(

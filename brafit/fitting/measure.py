@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from brafit.cup.condition import gaps_to_points, nearest_on_polyline, polyline_points
+from brafit.cup.edge_gaps import gaps_to_points, nearest_on_polyline, polyline_points
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, twist_angle
 from brafit.geometry.development import FlatPanel, arc_lengths

@@ -42,7 +42,6 @@ class Normal:
     Attributes:
         value: the objective.
         gradient, matrix: its gradient and Gauss-Newton matrix by these parameters.
-        margin: smallest regularity margin.
         terms: what is told of the problems (`Objective.told`).
         feet: the points' feet.
     """
@@ -50,7 +49,6 @@ class Normal:
     value: Float[Tensor, " batch"]
     gradient: Float[Tensor, "batch columns"]
     matrix: Float[Tensor, "batch columns columns"]
-    margin: Float[Tensor, " batch"]
     terms: dict[str, Float[Tensor, " batch"]]
     feet: Feet
 
@@ -65,10 +63,10 @@ class Normal:
     def _map(self, function: Callable[[Tensor, Tensor], Tensor], other: "Normal") -> "Normal":
         terms = {k: function(v, other.terms[k]) for k, v in self.terms.items()}
         feet = Feet(*(function(getattr(self.feet, f.name), getattr(other.feet, f.name)) for f in fields(Feet)))
-        value, gradient, matrix, margin = (
-            function(getattr(self, k), getattr(other, k)) for k in ("value", "gradient", "matrix", "margin")
+        value, gradient, matrix = (
+            function(getattr(self, k), getattr(other, k)) for k in ("value", "gradient", "matrix")
         )
-        return Normal(value, gradient, matrix, margin, terms, feet)
+        return Normal(value, gradient, matrix, terms, feet)
 
 
 @torch.no_grad()
@@ -254,7 +252,7 @@ def assembled(
     terms = objective.told(blocks, points.value, points.square)
     gradient = gradient.masked_fill(unasked, 0.0)
     matrix = matrix.masked_fill(unasked[:, None] | unasked[..., None], 0.0) + torch.diag_embed(unasked.to(matrix))
-    return Normal(value, gradient, matrix, linear.margin.amin((-2, -1)), terms, points.feet)
+    return Normal(value, gradient, matrix, terms, points.feet)
 
 
 def gram(

@@ -15,15 +15,17 @@ from functools import partial
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
+from torch.nn.functional import softplus
 
 from brafit.cup.base import Cup, Linearised
-from brafit.cup.condition import Gaps, gaps_to_line, gaps_to_points, gaps_to_sheet, shortfall, station_weights
+from brafit.cup.edge_gaps import Gaps, gaps_to_line, gaps_to_points, gaps_to_sheet
 from brafit.cup.shape import CupShape
 from brafit.fitting.block import Block, pull, pulls
 from brafit.fitting.condition import Asked, Condition, checked_conditions
 from brafit.fitting.fairness import Shares, fairness_blocks
 from brafit.fitting.loss import Loss, beyond, fuzzy, point_loss
 from brafit.fitting.targets import Targets
+from brafit.geometry.grid import station_weights
 from brafit.geometry.nearest import nearest_feet, signed_distance
 from brafit.geometry.panels import Feet
 from brafit.geometry.products import evenly, total
@@ -39,12 +41,6 @@ SEAM_LIMIT = 1.0
 """Largest such distance, mm."""
 RIM_SPACINGS = 2.5
 """Spacings of the cloud's points within which the upper edge is on the cloud."""
-_STRONGER = 1.3
-"""The distance between apex and ridge falls about as the weight's inverse; it is raised by so much more."""
-_RESPONSE = 1.5
-"""The distance between edge and neckline falls about as the weight to the power of -1 / 1.5."""
-
-
 WEIGHTS = ("points", "neckline", "rim", "connection", "ridge_apex", "barrier", "fairness")
 """Those of the conditions' settings that are weights of blocks of the objective."""
 
@@ -118,9 +114,10 @@ def weight_names(conditions: Conditions) -> tuple[str, ...]:
 class Pressure:
     """How hard the constraints press: penalty mu and multipliers lambda of lambda c + mu/2 c^2, per constraint.
 
-    The multipliers make the constraints hold without an endless penalty (the multiplier method). `barrier` and
-    `neckline` multiply the weights of the regularity barrier and of the neckline, problem by problem. `final`: the
-    penalty that constraints are told of with (`Block.told`); None: this one.
+    The multipliers make the constraints hold without an endless penalty (the multiplier method). `barrier`,
+    `neckline` and `seam` multiply the weights of the regularity barrier, of the neckline and of the ridge's pull to the
+    apex, problem by problem (`brafit.fitting.raising`). `final`: the penalty that constraints are told of with
+    (`Block.told`); None: this one.
     """
 
     penalty: float
@@ -229,33 +226,6 @@ class Objective:
         if points == 0:
             return self if self.guides is None else self._with(targets=self.targets.thinned(0), guiding=True)
         return self.thinned(points)
-
-    @torch.no_grad()
-    def neckline_factor(self, shape: CupShape) -> Float[Tensor, " batch"]:
-        """By how much to raise the neckline's weight: the mean distance between upper edge and neckline, both ways,
-        over its limit, to a power. 1 where it is within the limit, where there is no neckline, and for cups with
-        constraints.
-        """
-        limit = self.conditions.neckline_limit
-        if limit is None or self.cup.constrained or self.conditions.neckline == 0:
-            return torch.ones_like(self.targets.scale)
-        line = self.targets.neckline
-        there = (gaps_to_line(shape, -1, line).vectors.norm(dim=-1) * station_weights(shape.stations)).sum(-1)
-        back = gaps_to_points(shape, -1, line).vectors.norm(dim=-1).mean(-1)
-        excess = 0.5 * (there + back) * self.targets.scale / limit
-        # number by number: a vector's logarithms are rounded by where they stand in it
-        raised = excess.new_tensor([max(value, 1.0) ** _RESPONSE for value in excess.tolist()])
-        return torch.where(self.targets.has_neckline, raised, 1.0)
-
-    @torch.no_grad()
-    def seam_factor(self, shape: CupShape) -> Float[Tensor, " batch"]:
-        """By how much to raise the ridge's pull to the apex: the distance between them over SEAM_LIMIT, and a little
-        more. 1 where it is within the limit, where nothing asks for it, and for cups with constraints.
-        """
-        if self.conditions.seam != APEX or self.cup.constrained or self.cup.panels < 2:
-            return torch.ones_like(self.targets.scale)
-        excess = self._ridge_gap(shape).vectors.norm(dim=-1)[:, 0] * self.targets.scale / SEAM_LIMIT
-        return torch.where(self.targets.has_apex & (excess > 1), _STRONGER * excess, 1.0)
 
     def feet(self, shape: CupShape, iterations: int = 4) -> Feet:
         """Nearest points of the targets' clouds on the cups."""
@@ -368,7 +338,7 @@ class Objective:
             blocks.append(pull("connection", "connection", corner or wanted.part(slice(-1, None)), has_strap, loss))
         if c.ridge_pull > 0 and self.cup.panels > 1:
             weight = c.ridge_pull * pressure.seam * targets.has_apex[:, None].to(targets.points)
-            final = pull("ridge at apex", "ridge_apex", self._ridge_gap(shape), weight)
+            final = pull("ridge at apex", "ridge_apex", self.ridge_gap(shape), weight)
             share = self.shares.seam if c.seam == APEX else 1.0
             blocks.append(replace(final, weight=share * weight, final=final))
         if c.extra:
@@ -385,7 +355,7 @@ class Objective:
         weight = self.conditions.rim * (targets.spacing > 0)[:, None] * station_weights(shape.stations)
         return pull("edge to cloud", "rim", gaps, weight, partial(beyond, free=RIM_SPACINGS * targets.spacing[:, None]))
 
-    def _ridge_gap(self, shape: CupShape) -> Gaps:
+    def ridge_gap(self, shape: CupShape) -> Gaps:
         """From the apex to the ridge that is drawn to it."""
         apex = self.targets.apex[:, None]
         gaps = [gaps_to_points(shape, ridge, apex, self.moving) for ridge in range(1, self.cup.panels)]
@@ -420,6 +390,18 @@ class Objective:
             (gradient,) = torch.autograd.grad(value.sum(), flat)
         terms = self.told(others, values[0].detach(), self.mean_square(points.residual.detach()))
         return Evaluation(value.detach(), gradient, terms)
+
+
+def shortfall(margin: Tensor, bound: float, width: float) -> Tensor:
+    """Residuals of the barrier: about bound - margin where the regularity margin is below its bound, fading to 0 over
+    `width` above it.
+
+    Args:
+        margin: regularity margins, see `CupShape.margin`.
+        bound: where the barrier is to hold them.
+        width: over which the barrier fades.
+    """
+    return width * evenly(softplus, (bound - margin) / width)
 
 
 def _barrier_rows(linear: Linearised, bound: float, width: float) -> Float[Tensor, "batch m columns"]:

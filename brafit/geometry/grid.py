@@ -129,3 +129,11 @@ def sliding_integral(values: Float[Tensor, "*batch n k"], x: Float[Tensor, " n"]
     """
     _, integral, length = _sliding(x)
     return torch.einsum("ij,...jk->...ik", like(integral * length, values), values)
+
+
+def station_weights(stations: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """Weights that sum to 1 and make a sum over stations a mean over the wire, whatever their spacing (trapezoidal
+    rule).
+    """
+    half = stations.diff() / (2 * (stations[-1] - stations[0]))
+    return torch.nn.functional.pad(half, (0, 1)) + torch.nn.functional.pad(half, (1, 0))

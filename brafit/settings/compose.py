@@ -122,7 +122,7 @@ def _composed(settings: Sequence[str]) -> tuple[DictConfig, dict[str, Any]]:
     except Exception as error:
         raise ConfigError(explain(error, given)) from error
     choices = dict(config.hydra.runtime.choices) | searched(config.hydra)
-    with flag_override(config, ("readonly", "struct"), False):
+    with flag_override(config, ["readonly", "struct"], False):
         del config["hydra"]
     return config, choices
 

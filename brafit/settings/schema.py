@@ -59,6 +59,7 @@ class StageConfig:
     rate: float = 0.03
     damping: float = field(default=1e-7, metadata={"least": 0})
     points: int | None = field(default=None, metadata={"least": 0})
+    keep: int | None = field(default=None, metadata={"least": 1})
 
 
 @dataclass

@@ -13,7 +13,7 @@ from lunes import lune_cup
 
 from brafit.cup import FramesCup, Wire
 from brafit.fitting import Anneal, Conditions, ResultCode, Stage, Step, Target, fit_targets
-from brafit.fitting.anneal import whitening
+from brafit.fitting.closure import whitening
 from brafit.fitting.objective import Objective
 from brafit.fitting.targets import Targets
 from brafit.simulation.synthetic import on_panels

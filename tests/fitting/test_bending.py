@@ -9,7 +9,7 @@ from brafit.geometry.panels import Feet
 
 def model(value: torch.Tensor, gradient: torch.Tensor, matrix: torch.Tensor) -> Normal:
     none = value.new_zeros(len(value), 0)
-    return Normal(value, gradient, matrix, value, {}, Feet(none.long(), none.long(), none, none))
+    return Normal(value, gradient, matrix, {}, Feet(none.long(), none.long(), none, none))
 
 
 def walk(hessian: torch.Tensor, known: torch.Tensor, steps: torch.Tensor) -> Bending:

@@ -10,7 +10,7 @@ from cups import cloud, lune_frames, near
 
 from brafit.cup import CupShape
 from brafit.fitting import Conditions, Target
-from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.objective import Objective, Pressure, shortfall
 from brafit.fitting.targets import Targets
 from brafit.simulation.synthetic import on_panels
 
@@ -238,3 +238,15 @@ def test_errors():
         Conditions(points="l3")
     with pytest.raises(ValueError, match=r"condition.connection_width must be positive, got 0"):
         Conditions(connection_width=0.0)
+
+
+def test_barrier_is_the_shortfall_below_its_bound_and_fades_above():
+    margin = torch.tensor([-5.0, 0.0, 0.3, 0.6, 1.0, 50.0], dtype=torch.float64)
+    values = shortfall(margin, 0.3, 0.05)
+    assert values[0].item() == pytest.approx(5.3)
+    assert values[1].item() == pytest.approx(0.3, abs=2e-4)
+    assert values[2].item() == pytest.approx(0.05 * math.log(2))
+    assert values[3].item() < 2e-4
+    assert values[4].item() < 1e-6
+    assert values[5].item() >= 0
+    assert (values.diff() < 0).all()

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -12,6 +14,7 @@ from brafit.geometry.grid import (
     chebyshev_synthesis,
     sliding_derivative,
     sliding_integral,
+    station_weights,
 )
 
 
@@ -75,3 +78,12 @@ def test_sliding_operators_for_any_batch_shape_and_type(dtype):
         whole = operator(values, x)
         assert whole.dtype == dtype
         torch.testing.assert_close(whole[1, 2], operator(values[1, 2], x))
+
+
+def test_station_weights_average_over_the_wire_whatever_the_spacing():
+    s = torch.linspace(0, 1, 201, dtype=torch.float64) ** 2 * 3
+    w = station_weights(s)
+    assert w.sum().item() == pytest.approx(1)
+    assert (w * torch.sin(s)).sum().item() == pytest.approx((1 - math.cos(3)) / 3, abs=1e-3)
+    even = station_weights(torch.linspace(0, 3, 5, dtype=torch.float64))
+    torch.testing.assert_close(even, torch.tensor([0.5, 1, 1, 1, 0.5], dtype=torch.float64) / 4)

@@ -8,7 +8,7 @@ from cups import cloud, half_circle, near
 from torch import Tensor
 
 from brafit.cup import StripsCup
-from brafit.cup.condition import gaps_to_points
+from brafit.cup.edge_gaps import gaps_to_points
 from brafit.geometry.moving import moving_gaps
 from brafit.geometry.nearest import nearest_feet
 

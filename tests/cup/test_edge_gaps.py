@@ -12,13 +12,11 @@ from lunes import lune_cup
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
-from brafit.cup.condition import (
+from brafit.cup.edge_gaps import (
     gaps_to_line,
     gaps_to_points,
     nearest_on_polyline,
     polyline_points,
-    shortfall,
-    station_weights,
 )
 from brafit.cup.shape import CupShape
 from brafit.geometry.panels import sample_table
@@ -129,24 +127,3 @@ def test_upper_edge_and_neckline_pull_both_ways():
     torch.testing.assert_close(neckline, torch.zeros_like(neckline))
     torch.testing.assert_close(edge[:, :51], torch.zeros_like(edge[:, :51]))
     assert edge[:, -1].norm().item() == pytest.approx((half[0, -1] - shape.edges[0, -1, -1]).norm().item())
-
-
-def test_station_weights_average_over_the_wire_whatever_the_spacing():
-    s = torch.linspace(0, 1, 201, dtype=torch.float64) ** 2 * 3
-    w = station_weights(s)
-    assert w.sum().item() == pytest.approx(1)
-    assert (w * torch.sin(s)).sum().item() == pytest.approx((1 - math.cos(3)) / 3, abs=1e-3)
-    even = station_weights(torch.linspace(0, 3, 5, dtype=torch.float64))
-    torch.testing.assert_close(even, torch.tensor([0.5, 1, 1, 1, 0.5], dtype=torch.float64) / 4)
-
-
-def test_barrier_is_the_shortfall_below_its_bound_and_fades_above():
-    margin = torch.tensor([-5.0, 0.0, 0.3, 0.6, 1.0, 50.0], dtype=torch.float64)
-    values = shortfall(margin, 0.3, 0.05)
-    assert values[0].item() == pytest.approx(5.3)
-    assert values[1].item() == pytest.approx(0.3, abs=2e-4)
-    assert values[2].item() == pytest.approx(0.05 * math.log(2))
-    assert values[3].item() < 2e-4
-    assert values[4].item() < 1e-6
-    assert values[5].item() >= 0
-    assert (values.diff() < 0).all()

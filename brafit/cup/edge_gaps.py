@@ -1,6 +1,4 @@
-"""Geometric conditions on cups, as residuals that a fit drives to zero, in solver units: (60), (67) of
-docs/formulation.md.
-"""
+"""Gaps between a cup's edges and given points or lines, which a fit drives to zero: (60) of docs/formulation.md."""
 
 from __future__ import annotations
 
@@ -9,7 +7,6 @@ from dataclasses import dataclass
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.functional import softplus
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, unit
@@ -17,7 +14,6 @@ from brafit.geometry.hermite import hermite, hermite_slope
 from brafit.geometry.moving import slid
 from brafit.geometry.nearest import nearest_on_curve
 from brafit.geometry.panels import gather_rows, weighted
-from brafit.geometry.products import evenly
 
 Points = Float[Tensor, "batch m 3"]
 
@@ -179,23 +175,3 @@ def gaps_to_points(shape: CupShape, edge: int, points: Points, moving: bool = Fa
     first = edge % edges * n
     shift = torch.tensor([first, first, first + (edges - 1) * n, first + (edges - 1) * n], device=index.device)
     return Gaps(vectors, index + shift, weight, sliding)
-
-
-def station_weights(stations: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-    """Weights that sum to 1 and make a sum over stations a mean over the wire, whatever their spacing (trapezoidal
-    rule).
-    """
-    half = stations.diff() / (2 * (stations[-1] - stations[0]))
-    return torch.nn.functional.pad(half, (0, 1)) + torch.nn.functional.pad(half, (1, 0))
-
-
-def shortfall(margin: Tensor, bound: float, width: float) -> Tensor:
-    """Smooth barrier: about bound - margin where the regularity margin is below its bound, fading to 0 over `width`
-    above it.
-
-    Args:
-        margin: regularity margins, see `CupShape.margin`.
-        bound: where the barrier is to hold them.
-        width: over which the barrier fades.
-    """
-    return width * evenly(softplus, (bound - margin) / width)
