@@ -62,10 +62,12 @@ class Lost:
     Attributes:
         reason: how it ended, in a few words.
         killed: something else ended it, most likely for want of memory: the call may be innocent.
+        late: it had not ended, but was silent for too long.
     """
 
     reason: str
     killed: bool = False
+    late: bool = False
 
 
 Event = Told | Returned | Raised | Lost
@@ -216,7 +218,7 @@ class _Worker:
         if time.monotonic() < self.deadline:
             return None
         self.end()
-        return Lost(f"took longer than {self._patience:g} s")
+        return Lost(f"took longer than {self._patience:g} s", late=True)
 
     def _lost(self) -> Lost:
         self._process.join(5.0)

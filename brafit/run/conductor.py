@@ -21,7 +21,7 @@ from brafit.errors import BrafitError
 from brafit.processes import Event, Lost, Pool, Raised, Returned, Told
 from brafit.run.dataset import ScanRef
 from brafit.run.folder import is_about_writing, why_not
-from brafit.run.job import KEEP, PRELOAD, Done, Job, Overview, Row
+from brafit.run.job import KEEP, PRELOAD, Doing, Done, Job, Overview, Row
 from brafit.run.sinks import Activity
 from brafit.run.store import left_behind
 
@@ -31,10 +31,10 @@ LEAST = 4
 AHEAD = 2
 """Files of each worker that may be loaded ahead of a batch, in batches."""
 _REMEDIES = {
-    "reading it": "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds",
-    "preparing it": "Look at it in a viewer; a very large cloud may need more: scan.read_seconds",
-    "fitting it": "Fit it alone, or with other settings; a slow fit may need more: patience",
-    "writing its results": "Run it again; a slow disk may need more: patience",
+    Doing.READING: "Export it again, as a binary .ply; a very large file may need more: scan.read_seconds",
+    Doing.PREPARING: "Look at it in a viewer; a very large cloud may need more: scan.read_seconds",
+    Doing.FITTING: "Fit it alone, or with other settings; a slow fit may need more: patience",
+    Doing.WRITING: "Run it again; a slow disk may need more: patience",
 }
 
 
@@ -97,7 +97,7 @@ def _worth(count: int, workers: int) -> int:
 class _Loading:
     ref: ScanRef
     again: bool = False
-    stage: str = "reading"
+    stage: Doing = Doing.READING
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ class _Failing:
 
     ref: ScanRef
     k: int
-    reason: str
+    cause: str
     trace: str = ""
 
 
@@ -278,7 +278,7 @@ class _Conductor:
         elif isinstance(task, _Finishing):
             call = ("finish", self.source, task.loaded.scan, task.fit, job.out, task.loaded.name in self._watched)
         else:
-            call = ("fail", self.source, task.ref, task.k, task.reason, job.out)
+            call = ("fail", self.source, task.ref, task.k, task.cause, job.out)
         self.pool.submit(key, f"{STAGES}:{call[0]}", *call[1:], patience=patience)
 
     # What came of it
@@ -330,33 +330,32 @@ class _Conductor:
                 self.queues.fits.append(_Fitting(task.number, task.scans, True))
             else:
                 alone = next(iter(task.scans))
-                self._charge(alone.ref, alone.k, "fitting it", event)
+                self._charge(alone.ref, alone.k, Doing.FITTING, event)
         elif isinstance(task, _Finishing):
             if innocent:
                 self.queues.finishing.append(_Finishing(task.loaded, task.fit, True))
             else:
-                self._charge(task.loaded.ref, task.loaded.k, "writing its results", event)
+                self._charge(task.loaded.ref, task.loaded.k, Doing.WRITING, event)
         elif isinstance(task, _Loading):
             if innocent:
                 self.queues.refs.append(_Loading(task.ref, True))
             else:
                 for k in range(len(task.ref.names)):
-                    self._charge(task.ref, k, f"{task.stage} it", event)
+                    self._charge(task.ref, k, task.stage, event)
         else:
             raise BrafitError(f"{task.ref.path}: its failure cannot be written down: {_why(self.job.out, event)}")
 
-    def _charge(self, ref: ScanRef, k: int, during: str, event: Raised | Lost) -> None:
+    def _charge(self, ref: ScanRef, k: int, during: Doing, event: Raised | Lost) -> None:
+        trace = ""
         if isinstance(event, Lost):
-            reason = f"{ref.path}: {during} {_ending(event)}. {_REMEDIES[during]}."
-            self.queues.finishing.append(_Failing(ref, k, reason))
-            return
-        if is_about_writing(event.error) and during != "reading it":
-            reason = f"{ref.path}: its results cannot be written: {why_not(self.job.out, event.error)}."
-            self.queues.finishing.append(_Failing(ref, k, reason))
-            return
-        said = " ".join(str(event.error).split())[:200]
-        reason = f"{ref.path}: unexpected {type(event.error).__name__} in {during}: {said} (see errors.log)"
-        self.queues.finishing.append(_Failing(ref, k, reason, event.trace))
+            cause = f"{during.value} {_ending(event)}. {_REMEDIES[during]}."
+        elif is_about_writing(event.error) and during is not Doing.READING:
+            cause = f"its results cannot be written: {why_not(self.job.out, event.error)}."
+        else:
+            said = " ".join(str(event.error).split())[:200]
+            cause = f"unexpected {type(event.error).__name__} in {during.value}: {said} (see errors.log)"
+            trace = event.trace
+        self.queues.finishing.append(_Failing(ref, k, cause, trace))
 
     def _show(self) -> None:
         kinds = [type(task) for task in self.busy.values()]
@@ -378,6 +377,4 @@ def _why(out: Path, event: Raised | Lost) -> str:
 
 
 def _ending(event: Lost) -> str:
-    if event.reason.startswith("took"):
-        return event.reason
-    return f"failed: the process {event.reason}"
+    return event.reason if event.late else f"failed: the process {event.reason}"

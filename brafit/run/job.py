@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,15 @@ Row = dict[str, Any]
 KEEP, REDO = "keep", "redo"
 PRELOAD = ("brafit.run.imports",)
 """Imported once, before workers are made of it."""
+
+
+class Doing(Enum):
+    """What is done to a scan, in words."""
+
+    READING = "reading it"
+    PREPARING = "preparing it"
+    FITTING = "fitting it"
+    WRITING = "writing its results"
 
 
 @dataclass(frozen=True)
@@ -62,6 +72,7 @@ class Done:
         warnings: of fit and pattern, in words.
         notes: what was found out about the scan, in words.
         cause: of a failure, without the names and numbers of this one scan, to count by.
+        file: that the reason of a failure begins with, if it does.
         kept: it was finished before.
         trace: of an error that nobody expected.
         pictures: PNG files by what they show, if they were asked for.
@@ -74,6 +85,7 @@ class Done:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     cause: str = ""
+    file: str = ""
     kept: bool = False
     trace: str = ""
     pictures: Mapping[str, bytes] = field(default_factory=dict)

@@ -413,10 +413,9 @@ class Progress(Sink):
 
 
 def _failure_line(done: Done) -> str:
-    """Why a scan failed, and which; the file that most reasons begin with says which."""
-    reason = str(done.row["reason"])
-    named = Path(reason.partition(": ")[0]).stem in done.name
-    return f"failed: {reason}" if named else f"failed: {done.name}: {reason}"
+    """Why a scan failed, and which: mostly the file that the reason begins with says which."""
+    named = done.file and Path(done.file).stem in done.name
+    return f"failed: {done.row['reason']}" if named else f"failed: {done.name}: {done.row['reason']}"
 
 
 def _clock(seconds: float) -> str:

@@ -30,7 +30,7 @@ from brafit.result import result_files
 from brafit.run.dataset import ScanRef
 from brafit.run.dataset import dataset as dataset_of
 from brafit.run.fitting import fitted, result_of
-from brafit.run.job import Done, common_cause
+from brafit.run.job import Doing, Done, common_cause
 from brafit.run.recipe import READING, Recipe
 from brafit.run.store import key_of, nest_file, restored
 from brafit.scan import Scan, load_sides
@@ -85,9 +85,10 @@ def load(source: bytes, ref: ScanRef, out: Path, resume: bool, tell: Tell) -> li
     try:
         recipe = _recipe(source, ref.overrides)
     except BrafitError as error:
-        return [fail(source, replace(ref, overrides=()), k, str(error), out, tell) for k in range(len(ref.names))]
+        plain = _recipe(source)
+        return [_failure(plain, ref, k, str(error), str(error), out) for k in range(len(ref.names))]
     results: list[Done | bytes] = []
-    tell("reading")
+    tell(Doing.READING)
     keys = [key_of(ref, side, recipe.settings) for side in ref.sides]
     places = list(zip(ref.names, ref.positions, keys, strict=True))
     kept = [restored(out, *place, recipe.pattern.nest) if resume else None for place in places]
@@ -97,8 +98,8 @@ def load(source: bytes, ref: ScanRef, out: Path, resume: bool, tell: Tell) -> li
     for k, done in enumerate(kept):
         scan = found.get(k)
         if isinstance(scan, BrafitError):
-            cause = scan.cause if isinstance(scan, InputError) else str(scan)
-            results.append(_failure(recipe, ref, k, str(scan), cause, out))
+            cause, file = (scan.cause, scan.file) if isinstance(scan, InputError) else (str(scan), "")
+            results.append(_failure(recipe, ref, k, str(scan), cause, out, file=file))
         elif scan is not None:
             named = replace(scan, name=ref.names[k])
             results.append(pickle.dumps((ref, k, keys[k], named), pickle.HIGHEST_PROTOCOL))
@@ -114,7 +115,7 @@ def _loaded(recipe: Recipe, ref: ScanRef, sides: Sequence[str | None], tell: Tel
     try:
         limits = {"seconds" if key == "read_seconds" else key: value for key, value in reading.items()}
         cloud = read_cloud(ref.path, **limits, apart=False)  # this process is watched, and may be lost
-        tell("preparing")
+        tell(Doing.PREPARING)
         return load_sides(cloud, sides, landmarks=ref.landmarks, **settings)
     except BrafitError as error:
         return [error] * len(sides)
@@ -166,7 +167,7 @@ def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell:
     recipe, cup = _recipe(source, ref.overrides), pickle.loads(fit)
     row = fitted_row(cup, loaded.side, len(loaded.points), recipe.model, loaded.neckline is not None)
     if row["status"] != "ok":
-        return _failure(recipe, ref, k, row["reason"], cup.code.value, out, row)
+        return _failure(recipe, ref, k, row["reason"], cup.code.value, out, row=row)
     for stale in (out / loaded.name).glob(f"{TEMPORARY}*"):  # of a run that was killed
         stale.unlink(missing_ok=True)
     result = result_of(recipe, loaded, cup)
@@ -185,22 +186,30 @@ def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell:
     )
 
 
-def fail(source: bytes, ref: ScanRef, k: int, reason: str, out: Path, tell: Tell) -> Done:
+def fail(source: bytes, ref: ScanRef, k: int, cause: str, out: Path, tell: Tell) -> Done:
     """The failure of a breast that could not be told by what failed: its process is gone."""
-    return _failure(_recipe(source), ref, k, reason, reason.replace(f"{ref.path}: ", ""), out)
+    return _failure(_recipe(source), ref, k, f"{ref.path}: {cause}", cause, out, file=str(ref.path))
 
 
 def _failure(
-    recipe: Recipe, ref: ScanRef, k: int, reason: str, cause: str, out: Path, row: dict[str, Any] | None = None
+    recipe: Recipe,
+    ref: ScanRef,
+    k: int,
+    reason: str,
+    cause: str,
+    out: Path,
+    *,
+    file: str = "",
+    row: dict[str, Any] | None = None,
 ) -> Done:
     """The row of a failure, and its fit.json; results of an earlier run in the folder must not pass for its own."""
     name = ref.names[k]
     row = failed_row(name, reason, recipe.model, ref.sides[k]) if row is None else row
     folder = out / name
-    for file in result_files(folder):
-        (folder / file).unlink(missing_ok=True)
+    for stale in result_files(folder):
+        (folder / stale).unlink(missing_ok=True)
     write_fit_json(folder / "fit.json", row, _provenance(recipe, ref.path) | {"position": ref.positions[k]})
-    return Done(ref.positions[k], name, row, cause=common_cause(cause))
+    return Done(ref.positions[k], name, row, cause=common_cause(cause), file=file)
 
 
 def _provenance(recipe: Recipe, path: Path) -> dict[str, Any]:

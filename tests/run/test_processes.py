@@ -94,7 +94,7 @@ def test_silence_is_limited_not_length(pool: Pool) -> None:
     pool.submit("silent", f"{__name__}:sleeps", 60.0, patience=2.0)
     found = outcome(pool, "talks", "silent")
     assert found["talks"][-1] == Returned("rested")
-    assert found["silent"] == [Lost("took longer than 2 s")]
+    assert found["silent"] == [Lost("took longer than 2 s", late=True)]
 
 
 @pytest.mark.parametrize(
