@@ -34,22 +34,17 @@ from brafit.pattern import (
     write_patterns,
 )
 from brafit.pattern.writers import OTHER_FILES, WRITERS
+from brafit.report import cup_writers
 from brafit.report.dimensions import Dimension, dimension_deviation, dimensions
-from brafit.report.mesh import (
-    PanelMesh,
-    mesh_view,
-    panel_meshes,
-    write_cup_glb,
-    write_cup_obj,
-    write_cup_ply,
-    write_points_ply,
-)
+from brafit.report.mesh import PanelMesh, mesh_view, panel_meshes
 from brafit.report.paper import PaperPanel, paper_gap, paper_panels
 from brafit.report.row import fitted_row
-from brafit.report.stitches import write_stitches
 from brafit.report.table import write_fit_json
 
-FILES = (*(name for writer in WRITERS.values() for name in writer.files), *(set(OTHER_FILES) - {"fit.json"}))
+FILES = (
+    *(name for writer in (*WRITERS.values(), *cup_writers.WRITERS.values()) for name in writer.files),
+    *(name for name in OTHER_FILES if name != "fit.json"),
+)
 """Every file of brafit's own that a result may consist of, besides fit.json."""
 
 
@@ -160,9 +155,14 @@ class Result:
 
         Returns:
             the files, in the order written. Files of an earlier result that are not asked for now are removed.
+
+        Raises:
+            ConfigError: the options ask for files that no writer makes, or two make.
         """
         folder, facts = Path(folder), {**self.facts, **(extra or {})}
-        written = self._write_patterns(folder) + self._write_meshes(folder)
+        cup_writers.check_cup_writers(self.options.meshes, self.options.formats)
+        written = self._write_patterns(folder)
+        written += cup_writers.write_cup(folder, self._formed, self.options.meshes)
         if self.options.report:
             written += self._write_pages(folder, [file.name for file in written], facts.get("notes", ()))
         for name in result_files(folder):
@@ -223,22 +223,11 @@ class Result:
         written = write_patterns(folder, [self.patterns()], self.name, self._note, others)
         return [drawing, *written] if "svg" in formats else written
 
-    def _write_meshes(self, folder: Path) -> list[Path]:
-        written, asked = [], self.options.meshes
-        if "ply" in asked:
-            write_cup_ply(folder / "cup.ply", self.shape, self.frame.to_scan)
-            points = self.frame.to_scan(self.target.points)
-            write_points_ply(folder / "points.ply", points, self.fit.distances)
-            written += [folder / "cup.ply", folder / "points.ply"]
-        panels = self.surface() if {"obj", "glb"} & set(asked) else []
-        for suffix, write in (("obj", write_cup_obj), ("glb", write_cup_glb)):
-            if suffix in asked:
-                write(folder / f"cup.{suffix}", panels)
-                written.append(folder / f"cup.{suffix}")
-        if "obj" in asked:
-            write_stitches(folder / "stitches.json", panels, self.patterns(), "cup.obj")
-            written.append(folder / "stitches.json")
-        return written
+    @property
+    def _formed(self) -> cup_writers.FormedCup:
+        place, pattern = self.frame.to_scan, self.patterns()
+        points = place(self.target.points)
+        return cup_writers.FormedCup(self.shape, place, points, self.fit.distances, self.pieces, pattern)
 
     def _write_pages(self, folder: Path, files: Sequence[str], notes: Sequence[str]) -> list[Path]:
         from brafit.report.page import ScanPage, write_report

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from brafit.errors import ConfigError
 from brafit.pattern.writers import WRITERS, PatternWriter, check_writers
 
 FORMATS = tuple(WRITERS)
-MESHES = ("ply", "obj", "glb")
 PAPERS: dict[str, tuple[float, float]] = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
 """Width and height in mm."""
 UNITS: dict[str, float] = {"mm": 1.0, "inch": 25.4}
@@ -25,7 +25,7 @@ class PatternOptions:
 
     Attributes:
         formats: pattern files to write: names of `FORMATS`, and writers from outside of brafit.
-        meshes: files of the cup in 3D to write, of `MESHES`.
+        meshes: files of the cup in 3D to write: names and writers that `brafit.report.cup_writers` knows.
         report: whether to write web pages.
         allowance: seam allowance of each kind of edge: `wire`, `ridge`, `upper`.
         ease: by how many per cent pieces are made larger (negative: smaller, for stretch cloth) along the wire's chord
@@ -59,7 +59,7 @@ class PatternOptions:
     """
 
     formats: Sequence[str | PatternWriter] = FORMATS[:3]
-    meshes: Sequence[str] = MESHES
+    meshes: Sequence[Any] = ("ply", "obj", "glb")
     report: bool = True
     allowance: Mapping[str, float] = field(default_factory=lambda: {"wire": 6.0, "ridge": 6.0, "upper": 6.0})
     ease: Mapping[str, float] = field(default_factory=lambda: {"width": 0.0, "height": 0.0})
@@ -85,8 +85,6 @@ class PatternOptions:
 
     def __post_init__(self) -> None:
         check_writers(self.formats)
-        if wrong := [name for name in self.meshes if name not in MESHES]:
-            raise ConfigError(f"pattern.meshes={wrong[0]}: must be a list of {', '.join(MESHES)}")
         _one_of("units", self.units, UNITS)
         _one_of("paper", self.paper, PAPERS)
         for kind in ("wire", "ridge", "upper"):

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from brafit.errors import ConfigError
 
 if TYPE_CHECKING:
     from brafit.pattern.finish import Pattern
+
+
+class Writer(Protocol):
+    """Whatever writes files of known names into a scan's folder."""
+
+    files: tuple[str, ...]
 
 
 class PatternWriter(ABC):
@@ -88,17 +94,8 @@ WRITERS: dict[str, PatternWriter] = {
 """brafit's own, each imported by itself as it writes, so that it costs only what it needs."""
 
 
-OTHER_FILES = (
-    "cup.ply",
-    "cup.obj",
-    "cup.glb",
-    "points.ply",
-    "stitches.json",
-    "report.html",
-    "thumbnail.png",
-    "fit.json",
-)
-"""What else is written beside the patterns of a scan."""
+OTHER_FILES = ("report.html", "thumbnail.png", "fit.json")
+"""What is written beside the patterns of a scan and its cup."""
 
 
 def check_writers(formats: Iterable[object]) -> None:
@@ -107,24 +104,49 @@ def check_writers(formats: Iterable[object]) -> None:
     Raises:
         ConfigError: a name that no writer has, an object that is no writer, or two that write the same file.
     """
-    seen: set[str] = set(OTHER_FILES)
+    seen = {file for known in WRITERS.values() for file in known.files} | {*OTHER_FILES}
     for entry in formats:
         if isinstance(entry, PatternWriter):
-            _check_files(entry, seen)
+            seen |= check_files("pattern.formats", entry, seen)
         elif not (isinstance(entry, str) and entry in WRITERS):
             what = entry if isinstance(entry, str | int | float) else getattr(entry, "__name__", type(entry).__name__)
             own = "{_target_: MODULE.CLASS}, a brafit.pattern.PatternWriter"
             raise ConfigError(f"pattern.formats={what}: must be a list of {', '.join(WRITERS)}, {own}")
 
 
-def _check_files(writer: PatternWriter, seen: set[str]) -> None:
+def check_files(setting: str, writer: Writer, seen: Collection[str]) -> set[str]:
+    """The files of a writer from outside of brafit.
+
+    Args:
+        setting: that names it.
+        writer: of patterns or of cups.
+        seen: files that others write.
+
+    Raises:
+        ConfigError: they are no names of files, or another writes one of them.
+    """
     name, files = type(writer).__name__, getattr(writer, "files", None)
     if not (isinstance(files, tuple) and files and all(isinstance(f, str) and Path(f).name == f for f in files)):
-        raise ConfigError(f"pattern.formats: {name}.files must be a tuple of names of files, got {files}")
-    own = {file for known in WRITERS.values() for file in known.files}
-    if taken := set(files) & (seen | own):
-        raise ConfigError(f"pattern.formats: {name} writes {min(taken)}, which something else writes")
-    seen.update(files)
+        raise ConfigError(f"{setting}: {name}.files must be a tuple of names of files, got {files}")
+    if taken := set(files).intersection(seen):
+        raise ConfigError(f"{setting}: {name} writes {min(taken)}, which something else writes")
+    return set(files)
+
+
+def written(folder: Path, writer: Writer) -> list[Path]:
+    """The files of a writer that has written.
+
+    Args:
+        folder: that it wrote into.
+        writer: of patterns or of cups.
+
+    Raises:
+        RuntimeError: one is not there.
+    """
+    files = [folder / name for name in writer.files]
+    if missing := [file.name for file in files if not file.is_file()]:
+        raise RuntimeError(f"{type(writer).__name__} did not write {', '.join(missing)}")
+    return files
 
 
 def write_patterns(
@@ -138,12 +160,9 @@ def write_patterns(
     Raises:
         RuntimeError: a writer that left a file unwritten.
     """
-    written: list[Path] = []
+    every: list[Path] = []
     for entry in formats:
         writer = WRITERS[entry] if isinstance(entry, str) else entry
         writer.write(folder, patterns, title, note)
-        files = [folder / name for name in writer.files]
-        if missing := [file.name for file in files if not file.is_file()]:
-            raise RuntimeError(f"{type(writer).__name__} did not write {', '.join(missing)}")
-        written += files
-    return written
+        every += written(folder, writer)
+    return every

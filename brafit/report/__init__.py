@@ -4,6 +4,7 @@ row, table   a scan's row; fit.json, summary.csv and the table in the terminal (
 colour       the colours of signed distances (numpy)
 dimensions   finished dimensions and how uncertain they are, with measures over the surface (numpy, torch)
 uncovered    the share of a cup without data (scipy)
+cup_writers  which files of the cup in 3D are written, and by what
 mesh         cup and points as PLY, OBJ, GLB, and as one mesh to look at (numpy); stitches: what is sewn to what
 canvas, view, pictures, inspection  pictures of patterns, fits and scans, as PNG (pillow; inspection: matplotlib)
 html         what pages have in common; page: one scan's, with band and paper; index: the page over a run (scipy)

@@ -123,16 +123,20 @@ def recipe_from_settings(settings: Mapping[str, Any], names: Mapping[str, Any]) 
     Raises:
         ConfigError: a group's settings are not what its `_target_` takes.
     """
+    from brafit.report.cup_writers import check_cup_writers  # imports what computes
+
     scan = {key: value for key, value in settings["scan"].items() if key != "side"}
     cup, tolerance = _panels_of(settings["cup"])
     condition = _made(settings, "condition", "brafit.fitting.Conditions")
     if condition.seam == "apex" and cup.get("panels") == 1:
         raise ConfigError("condition.seam=apex: a cup of one panel has no seam; set cup.panels to 2 or more")
+    pattern = _made(settings, "pattern", "brafit.pattern.PatternOptions")
+    check_cup_writers(pattern.meshes, pattern.formats)
     return Recipe(
         cup=_cup_of(cup),
         solver=_made(settings, "solver", "brafit.fitting.Solver"),
         condition=condition,
-        pattern=_made(settings, "pattern", "brafit.pattern.PatternOptions"),
+        pattern=pattern,
         names={key: name for key, name in names.items() if key in NAMED},
         scan=scan | {"readers": _readers_of(scan["readers"])},
         restarts=settings["restarts"],

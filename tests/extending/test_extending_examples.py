@@ -169,6 +169,8 @@ def test_a_weight_by_its_name_has_derivatives_through_the_fit():
         ("cup._target_=edge_length", "_target_ must be MODULE.NAME"),
         ("cup._target_=brafit.cup", "brafit.cup is a module; name a class"),
         ("solver._target_=ptx.PtxReader", "solver: PtxReader() takes no arguments"),
+        ("pattern.meshes=[stl]", "pattern.meshes=stl: must be a list of ply, obj, glb, {_target_: MODULE.CLASS}"),
+        ("pattern.meshes=[{_target_: hpgl.HpglWriter}]", "pattern.meshes=HpglWriter: must be a list of ply"),
         ("cup.nodes=20", "cup: 14 terms need at least 28 nodes, got 20"),
     ],
 )

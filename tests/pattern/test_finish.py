@@ -545,7 +545,6 @@ def test_areas_and_lengths_of_the_finished_pieces():
     ("options", "words"),
     [
         ({"formats": ["svg", "docx"]}, "pattern.formats=docx"),
-        ({"meshes": ["stl"]}, "pattern.meshes=stl"),
         ({"units": "cm"}, "pattern.units=cm"),
         ({"paper": "a0"}, "pattern.paper=a0"),
         ({"allowance": {"wire": 6.0, "ridge": -1.0, "upper": 6.0}}, "pattern.allowance.ridge=-1"),
