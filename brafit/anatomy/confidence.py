@@ -6,7 +6,7 @@ confidence is that of the worst. Marks outside the usual are warned of, impossib
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,24 @@ from brafit.geometry.polyline import evenly_spaced, polyline_length
 from brafit.remarks import Remark
 from brafit.surface.normals import Surface
 
+Shown = Callable[[float, Mapping[str, float], str], str]
+"""Words for a piece of evidence, given its value, all the evidence and the breast's side."""
+
+
+def _length(value: float, evidence: Mapping[str, float], side: str) -> str:
+    return f"{value:.0f} mm"
+
+
+def _share(value: float, evidence: Mapping[str, float], side: str) -> str:
+    return f"{100 * value:.0f} %"
+
+
+def _both_wires(value: float, evidence: Mapping[str, float], side: str) -> str:
+    """The lengths of both wires, of which the value is the difference."""
+    own, other = evidence["wire"], evidence["wire"] - value
+    left, right = (own, other) if side == "left" else (other, own)
+    return f"left {left:.0f} mm, right {right:.0f} mm"
+
 
 @dataclass(frozen=True)
 class Bound:
@@ -31,12 +49,14 @@ class Bound:
         says: what is said of another value, with `{value}` and maybe `{side}`.
         usual, possible: least and largest value. What is not usual is warned of, what is not possible is refused.
         remedy: what helps; empty where the sentence goes on.
+        shown: words for a value among evidence.
     """
 
     says: str
     usual: tuple[float, float]
     possible: tuple[float, float] = (-np.inf, np.inf)
     remedy: str = ""
+    shown: Shown = _length
 
     def is_usual(self, value: float) -> bool:
         """Whether the value needs no warning; nan does."""
@@ -73,8 +93,6 @@ class Bound:
 
 OF_APEX = ("rise", "apex_out", "apex_off", "level", "mirrored")
 """Evidence on the apex; all other is on the wire."""
-SHARES = ("guessed", "crease")
-"""Evidence that is no length."""
 A_SIZE = 15.0
 """By how much (mm) wires that are sold grow from size to size."""
 BOUNDS: Mapping[str, Bound] = {
@@ -90,7 +108,7 @@ BOUNDS: Mapping[str, Bound] = {
     "wire": Bound("the wire is {value} long, wires are 150 to 350 mm", (165.0, 300.0), (150.0, 350.0)),
     "inner_usual": Bound("the wire's inner end is {value} from where such a breast's wire usually begins", (0.0, 25.0)),
     "outer_usual": Bound("the wire's outer end is {value} from where such a breast's wire usually ends", (0.0, 31.0)),
-    "guessed": Bound("no crease shows along {value} of the wire", (0.0, 0.4), (0.0, 0.93)),
+    "guessed": Bound("no crease shows along {value} of the wire", (0.0, 0.4), (0.0, 0.93), shown=_share),
     "apex_off": Bound("the apex is {value} off the surface", (0.0, 7.0), (0.0, 25.0)),
     "wire_off": Bound("a fifth of the wire is {value} and more off the surface", (0.0, 9.0), (0.0, 40.0)),
     "end_off": Bound("an end of the wire is {value} off the surface", (0.0, 12.0), (0.0, 60.0)),
@@ -98,6 +116,7 @@ BOUNDS: Mapping[str, Bound] = {
         "the two sides disagree: the crease under this one is {value} as deep as that under the other",
         (0.5, 1.0),
         (0.2, 2.0),
+        shown=_share,
     ),
     "level": Bound("the two sides disagree: one apex is {value} higher than the other", (0.0, 20.0), (0.0, 60.0)),
     "mirrored": Bound("the two sides disagree: the apexes are {value} from being mirror images", (0.0, 35.0)),
@@ -105,6 +124,7 @@ BOUNDS: Mapping[str, Bound] = {
     "longer": Bound(
         "the wires of the two sides differ by more than a size: {value}",
         (-A_SIZE, A_SIZE),
+        shown=_both_wires,
     ),
 }
 """By the name of the evidence; lengths in mm. Read off 60 parametric bodies of the kinds of `scripts/check_bodies.py`
@@ -164,13 +184,8 @@ class Confidence:
 
     def sentence(self, key: str) -> str:
         """What is said of a piece of evidence, with its value."""
-        value = self.evidence[key]
-        if key == "longer":
-            lengths = [self.evidence["wire"], self.evidence["wire"] - value]
-            left, right = lengths if self.side == "left" else reversed(lengths)
-            return BOUNDS[key].sentence(f"left {left:.0f} mm, right {right:.0f} mm")
-        shown = f"{100 * value:.0f} %" if key in SHARES else f"{value:.0f} mm"
-        return BOUNDS[key].sentence(shown, self.side)
+        bound = BOUNDS[key]
+        return bound.sentence(bound.shown(self.evidence[key], self.evidence, self.side), self.side)
 
 
 def evidence(

@@ -22,7 +22,7 @@ DISC = 7
 """A point is shown as a disc that reaches to so many neighbours: then hardly a gap is left between discs."""
 SIZES = 32.0
 """Steps of a disc's size to one median size; none is larger than 255 steps."""
-ALIKE = 0.7
+SAME_SHEET = 0.7
 """Least cosine between normals of neighbours on one sheet."""
 REACH, CORE = 3000.0, 4.0
 """What lies farther from the middle than REACH (mm), or than CORE times the extent of nearly all points, is not shown:
@@ -111,7 +111,7 @@ def _smoothed(normals: np.ndarray, near: np.ndarray) -> np.ndarray:
     for column in near.T:
         other = normals[column]
         cosine = (other * normals).sum(axis=1)
-        sums += np.where(np.abs(cosine) > ALIKE, np.sign(cosine), 0.0)[:, None] * other
+        sums += np.where(np.abs(cosine) > SAME_SHEET, np.sign(cosine), 0.0)[:, None] * other
     return sums / np.linalg.norm(sums, axis=1, keepdims=True)
 
 
