@@ -147,7 +147,7 @@ def test_finished_dimensions_say_whether_they_are_as_cut_or_as_worn(tmp_path: Pa
         *made_cup(60.0, 1.0),
         pattern={
             "dimensions": [
-                ["lower panel", "ridge", 200.0, "mm", None],
+                ["lower panel", "seam", 200.0, "mm", None],
                 ["cup", "depth of the cup", 50.0, "mm", None],
                 ["cup", PANELS_AREA, 200.0, "cm2", None],
                 ["over the surface", "wire line", 200.0, "mm", None],
