@@ -103,9 +103,8 @@ def report_seam(targets: list[Target], counts: Sequence[int], at_once: int, star
         starts: of each seam.
     """
     for panels in counts:
-        ridges = panels - 1
-        print(f"\n{panels} panels, closest: RMS, seam to apex; through it: RMS, seam to apex, over the best of", end=" ")
-        print(f"{starts * ridges}", flush=True)
+        each = starts * (panels - 1)
+        print(f"\n{panels} panels, closest: RMS, seam to apex; through it: RMS, seam to apex, over the best of {each}")
         rows: list[tuple[float, float]] = []
         begun = time.process_time()
         for k in range(0, len(targets), at_once):

@@ -356,7 +356,8 @@ def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number:
     kinds = dict.fromkeys(edge.kind for edge in piece.edges)
     allowances = {kind: options.length(options.allowance[kind]) for kind in kinds}
     same = len(set(allowances.values())) == 1
-    allowance = next(iter(allowances.values())) if same else ", ".join(f"{KIND_NAMES[k]} {v}" for k, v in allowances.items())
+    each = ", ".join(f"{KIND_NAMES[kind]} {width}" for kind, width in allowances.items())
+    allowance = next(iter(allowances.values())) if same else each
     casing = options.wire["casing"] if "wire" in kinds else 0.0
     needed = [piece.name, number, name, f"{side} cup", options.size and f"size {options.size}"]
     needed += [f"cut {options.quantity}"]  # of a pair both sides are drawn, and each says so for itself

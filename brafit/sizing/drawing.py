@@ -15,8 +15,9 @@ from numpy import ndarray
 from brafit.atomic import write_bytes
 from brafit.pattern.drawing import BLACK, INFO, Item, Page, Stroke, Words, line_of, shifted
 from brafit.pattern.dxf import block_name, plain, tags
+from brafit.pattern.lettering import one_line, text
 from brafit.pattern.pdf import write_pages
-from brafit.pattern.sheet import CONTROL, GAP, MARGIN, ROOM, control_square, heading, legend, one_line, text
+from brafit.pattern.sheet import CONTROL, GAP, MARGIN, ROOM, control_square, heading, legend
 from brafit.pattern.svg import page_svg
 from brafit.sizing.nest import Layer, Nest
 
