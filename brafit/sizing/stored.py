@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -85,6 +86,17 @@ def fit_folders(results: Iterable[str | Path]) -> list[Path]:
             )
         found |= dict.fromkeys(folder.resolve() for folder in own)
     return list(found)
+
+
+def fit_names(folders: Sequence[Path]) -> list[str]:
+    """What to call fits: by their own folders and, where several of these are called alike, by those above as well."""
+    names, depth = [folder.name for folder in folders], 1
+    while len(set(names)) < len(names) and depth < max(len(folder.parts) for folder in folders):
+        depth += 1
+        alike = {name for name, count in Counter(names).items() if count > 1}
+        longer = ("/".join(folder.parts[-depth:]) for folder in folders)
+        names = [more if name in alike else name for name, more in zip(names, longer, strict=True)]
+    return names
 
 
 def stored_fit(folder: Path) -> StoredFit | None:
