@@ -271,6 +271,16 @@ class _Sewn:
     outline: Float[ndarray, "n 2"]
     outward: float
 
+    @property
+    def sides(self) -> list[SeamSide]:
+        """The edges that are sewn to another piece, from their inner ends."""
+        edges = enumerate(zip(self.seams, self.eased, self.widths, strict=True))
+        whole = [
+            SeamSide(name, curve.reversed() if i else curve, width, -self.outward if i else self.outward)
+            for i, (name, curve, width) in edges
+        ]
+        return [side for side in whole if side.name]
+
 
 def _sewn(pieces: Sequence[Piece], options: PatternOptions, side: Side) -> list[_Sewn]:
     curves = iter(curves_through([edge.points for piece in pieces for edge in piece.edges]))
@@ -326,12 +336,7 @@ def _finish(
     sight.take(LineString(grain).buffer(1.6))
     named = [(notch.name, notch.foot, notch.inward) for notch in notches if notch.name]
     inner = [(hole.name, hole.point) for hole in holes]
-    seams = [
-        SeamSide(name, curve.reversed() if i else curve, width, -sewn.outward if i else sewn.outward)
-        for i, (name, curve, width) in enumerate(zip(sewn.seams, eased, widths, strict=True))
-        if name
-    ]
-    captions = place_captions(sight, eased, named, inner, (grain_name(options), grain), seams)
+    captions = place_captions(sight, eased, named, inner, (grain_name(options), grain), sewn.sides)
     widest: Side = "right" if options.pair else side  # the label of the mirrored piece needs its room too
     essential, further = _label(piece, options, name, widest, number, date)
     label = place_label(sight, essential + further, _notices(warnings), len(essential))

@@ -147,17 +147,18 @@ def _turn(degrees: float) -> Float[ndarray, "2 2"]:
 
 
 def _filled(pieces: Sequence[Named], width: float, height: float) -> Whole:
-    """A page with those of the pieces that find room on it: row by row from the top, in each from the left."""
+    """A page with those of the pieces that find room on it: row by row upwards, as they are worn, from the left."""
     placed: list[Named] = []
-    x, top, row = MARGIN, height - MARGIN, 0.0
+    x, bottom, row = MARGIN, MARGIN, 0.0
+    right, top = width - MARGIN + 1e-9, height - MARGIN + 1e-9
     for piece, name, series in pieces:
         low, high = piece.bounds
         size = high - low
-        if x > MARGIN and (x + size[0] > width - MARGIN + 1e-9 or size[1] > top - MARGIN + 1e-9):
-            x, top, row = MARGIN, top - row - GAP, 0.0
-        if size[0] > width - 2 * MARGIN + 1e-9 or size[1] > top - MARGIN + 1e-9:
+        if x > MARGIN and (x + size[0] > right or bottom + size[1] > top):
+            x, bottom, row = MARGIN, bottom + row + GAP, 0.0
+        if x + size[0] > right or bottom + size[1] > top:
             continue
-        shift = np.array((x, top - size[1])) - low
+        shift = np.array((x, bottom)) - low
         placed.append((piece.map(lambda points, shift=shift: points + shift), name, series))
         x, row = x + size[0] + GAP, max(row, float(size[1]))
     if not placed:
@@ -310,7 +311,7 @@ def _outline(points: Float[ndarray, "n 2"], fill: str) -> Item:
 
 def _foot(width: float, title: str, number: int, total: int, more: str = "") -> list[Item]:
     room = width - 2 * MARGIN - 55
-    words = f"   page {number} of {total}{more}"
+    words = f", page {number} of {total}{more}"
     name = shortened(title, LEAST, max(room - text_width(words, LEAST), 20.0))
     return [
         text(str(number), MARGIN, MARGIN - 4.5, 4.5, bold=True),

@@ -83,7 +83,7 @@ def sheet_page(patterns: Sequence[Pattern], title: str, note: str = "") -> Page:
 
 def heading(title: str, note: str, x: float, top: float, room: float) -> list[Item]:
     """Title and a second line below a page's upper border."""
-    items = [text(one_line(title), x, top - 4, 6.0, room=room, bold=True, name="title")]
+    items: list[Item] = [text(one_line(title), x, top - 4, 6.0, room=room, bold=True, name="title")]
     return items + [text(one_line(note), x, top - 10.7, 3.6, room=room, name="note")] * bool(note)
 
 

@@ -42,7 +42,8 @@ def band_svg(pieces: Sequence[Piece], deviation: Deviation) -> str:
     width, height = sheet.width + 2 * _MARGIN, sheet.height + 2 * _MARGIN + _KEY
     foot = height - _MARGIN - _KEY
     flip = f"translate({_MARGIN},{foot}) scale(1,-1)"  # y runs down in SVG
-    names = [_words(piece.name, *(piece.middle * (1, -1) + (_MARGIN, foot)), "middle") for piece in sheet.pieces]
+    middles = [piece.middle * (1, -1) + (_MARGIN, foot) for piece in sheet.pieces]
+    names = [_words(piece.name, x, y, "middle") for piece, (x, y) in zip(sheet.pieces, middles, strict=True)]
     return (
         f'<svg class="pieces" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.1f} {height:.1f}">'
         f'<g transform="{flip}">{"".join(parts)}</g>{"".join(names)}{_key(factor, height - _MARGIN)}</svg>'
