@@ -235,7 +235,7 @@ def _beside(foot: ndarray, inward: ndarray) -> Callable[[str, float], Sequence[_
         return [
             group(words, size, (1.0, 2.0, 3.5), False),
             beyond,
-            group(words, size, (5.0, 7.0, 9.0, 12.0), True),
+            group(words, size, (5.0, 7.0, 9.0, 12.0, 16.0, 20.0), True),
         ]
 
     return places
