@@ -101,7 +101,7 @@ def _written(
     gap = gaps(found, shapes, points, weights)
     sizes, graded = size_rows(found, fits, shapes, gap), graded_rows(found, fits)
     names = size_names(len(chosen))
-    patterns = [pattern_of(fit, name, options.pair) for fit, name in zip(chosen, names, strict=True)]
+    patterns = [pattern_of(fit, name, options.pair, size=name) for fit, name in zip(chosen, names, strict=True)]
     title = f"{len(chosen)} size{'s' * (len(chosen) > 1)} of {len(fits)} cups"
     _draw(options, title, nested(patterns, options.align), shapes, sizes, found)
     write_tables(options.out, sizes, member_rows(found, fits, gap), graded, found)

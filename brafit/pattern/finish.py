@@ -364,7 +364,7 @@ def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number:
     each = ", ".join(f"{KIND_NAMES[kind]} {width}" for kind, width in allowances.items())
     allowance = next(iter(allowances.values())) if same else each
     casing = options.wire["casing"] if "wire" in kinds else 0.0
-    needed = [piece.name, number, name, f"{side} cup", options.size and f"size {options.size}"]
+    needed = [piece.name, number, name * (name != options.size), f"{side} cup", options.size and f"size {options.size}"]
     needed += [f"cut {options.quantity}"]  # of a pair both sides are drawn, and each says so for itself
     needed += [f"allowance {allowance}", f"casing {options.length(casing)} more" if casing else ""]
     needed += cloth_words(options)

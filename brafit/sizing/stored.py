@@ -255,13 +255,14 @@ def _not_again(fit: StoredFit, cause: str) -> InputError:
     return InputError(fit.folder / "fit.json", f"its cup cannot be made again ({cause})", _AGAIN)
 
 
-def pattern_of(fit: StoredFit, name: str, pair: bool = False) -> Pattern:
+def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "") -> Pattern:
     """The finished pattern of a fit, drawn for the left breast, by the settings that it was made with.
 
     Args:
         fit: the fit.
-        name: of the size, on labels and in file names.
+        name: of the pattern, on labels and in files.
         pair: whether the mirrored pieces, for the other breast, are drawn as well.
+        size: that it is called on labels, if it is one.
 
     Raises:
         InputError: the settings that the fit was made with do not make its cup.
@@ -271,5 +272,5 @@ def pattern_of(fit: StoredFit, name: str, pair: bool = False) -> Pattern:
     panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
     apex = fit.marks["apex"] if "apex" in fit.marks else deepest_point(shape)
     pieces = pieces_from_panels(panels, "left", marks_on(shape, apex, fit.marks.get("strap_point")))
-    options = replace(options_of(fit), size=name, pair=pair)
+    options = replace(options_of(fit), size=size, pair=pair)
     return finish(pieces, options, name=name, side="left", date="", figures=dict(fit.figures))
