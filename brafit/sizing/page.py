@@ -109,7 +109,8 @@ def _picture(file: str, words: str) -> str:
 
 def _table(rows: Sequence[Row], places: int = 2) -> str:
     keys = list(rows[0])
-    head = "".join(f"<th>{text(key.replace('_', ' '))}</th>" for key in keys)
+    classes = [' class="number"' * isinstance(rows[0].get(key), float | int) for key in keys]
+    head = "".join(f"<th{own}>{text(key.replace('_', ' '))}</th>" for key, own in zip(keys, classes, strict=True))
     body = "".join(f"<tr>{''.join(_cell(row.get(key), places) for key in keys)}</tr>" for row in rows)
     return (
         f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
