@@ -162,6 +162,8 @@ def main() -> None:
     try:
         if given in (["--help"], ["-h"]):
             print(help_text())
+        elif "--version" in given:  # Hydra would tell its own
+            print(f"brafit {__version__}")
         elif is_query(given):
             answer(_hydra)
         else:

@@ -36,35 +36,37 @@ def _run(options: argparse.Namespace) -> int:
 
     from brafit.pattern.finish import warnings_of
     from brafit.run.folder import make_writable
-    from brafit.scan.discovery import numbered
+    from brafit.sizing.cloth import check_thickness, cloth_notes
     from brafit.sizing.drawing import write_nest
     from brafit.sizing.nest import nested
-    from brafit.sizing.stored import fit_folders, pattern_of, stored_fit
+    from brafit.sizing.stored import fit_folders, fit_names, pattern_of, read_fits
 
     folders = fit_folders(options.results)
     make_writable(options.out)
-    names = numbered([folder.name for folder in folders])
-    patterns, refused, failed = [], 0, 0
-    for name, folder in tqdm(
-        list(zip(names, folders, strict=True)), desc="patterns", unit="scan", disable=None, leave=False
-    ):
+    refused: list[BrafitError] = []
+
+    def refuse(error: BrafitError) -> None:
+        refused.append(error)
+        tqdm.write(f"failed: {error}", file=sys.stderr)
+
+    fits, failed = read_fits(folders, refuse)
+    if options.align != "none":
+        check_thickness(fits)
+    names = dict(zip(folders, fit_names(folders), strict=True))
+    patterns = []
+    for fit in tqdm(sorted(fits, key=lambda fit: fit.wire_length), "patterns", unit="scan", disable=None, leave=False):
         try:
-            fit = stored_fit(folder)
-            failed += fit is None
-            patterns += [] if fit is None else [(fit.wire_length, pattern_of(fit, name, options.pair))]
+            patterns.append(pattern_of(fit, names[fit.folder], options.pair))
         except BrafitError as error:
-            refused += 1
-            tqdm.write(f"failed: {error}", file=sys.stderr)
-    if failed:
-        print(f"{failed} scans whose fit failed are left out", file=sys.stderr)
+            refuse(error)
     if not patterns:
         raise ConfigError("there is no good fit in these folders: fit the scans first")
-    patterns.sort(key=lambda entry: entry[0])
-    for words in warnings_of([pattern for _, pattern in patterns]):
-        print(f"warning: {words}", file=sys.stderr)
+    notes = [f"{failed} scan{'s' * (failed > 1)} whose fit failed left out"] * bool(failed)
+    for words in [*notes, *cloth_notes(fits), *(f"warning: {words}" for words in warnings_of(patterns))]:
+        print(words, file=sys.stderr)
     sides = f"drawn for the left breast{' and the right one' * options.pair}"
     title = f"{len(patterns)} pattern{'s' * (len(patterns) > 1)}"
-    write_nest(options.out, nested([pattern for _, pattern in patterns], options.align), title, sides)
+    write_nest(options.out, nested(patterns, options.align), title, sides)
     print(f"{title}, {sides}: {shown(str(options.out))}/patterns.svg, .dxf, .pdf")
     return SOME_FAILED if refused or failed else ALL_OK
 

@@ -73,8 +73,8 @@ def _run(options: argparse.Namespace) -> int:
     if len(fits) < options.sizes:
         raise ConfigError(f"--sizes {options.sizes}: there are {len(fits)} good fits; ask for as many sizes or fewer")
     check_thickness(fits)
-    notes = [f"{failed} scans whose fit failed are left out"] * bool(failed)
-    notes += [f"{len(refused)} folders cannot be used and are left out"] * bool(refused)
+    notes = [f"{failed} scan{'s' * (failed > 1)} whose fit failed left out"] * bool(failed)
+    notes += [f"{len(refused)} folder{'s' * (len(refused) > 1)} that cannot be used left out"] * bool(refused)
     notes += cloth_notes(fits)
     print("\n".join([*notes, *_written(options, fits, surfaces, notes)]))
     return SOME_FAILED if refused else ALL_OK
@@ -101,7 +101,7 @@ def _written(
     gap = gaps(found, shapes, points, weights)
     sizes, graded = size_rows(found, fits, shapes, gap), graded_rows(found, fits)
     names = size_names(len(chosen))
-    patterns = [pattern_of(fit, name, options.pair) for fit, name in zip(chosen, names, strict=True)]
+    patterns = [pattern_of(fit, name, options.pair, size=name) for fit, name in zip(chosen, names, strict=True)]
     title = f"{len(chosen)} size{'s' * (len(chosen) > 1)} of {len(fits)} cups"
     _draw(options, title, nested(patterns, options.align), shapes, sizes, found)
     write_tables(options.out, sizes, member_rows(found, fits, gap), graded, found)
@@ -146,12 +146,16 @@ def _draw(
 
     sides = f"drawn for the left breast{' and the right one' * options.pair}; sizes by length of the wire"
     write_nest(options.out, nest, title, sides)
-    captions = [f"wire {row['wire_mm']:.0f} mm, {row['members']} members" for row in sizes]
+    captions = [f"wire {row['wire_mm']:.0f} mm, {_members(row)}" for row in sizes]
     cups = cups_figure([shape.edges.numpy() for shape in shapes], nest.layers, captions)
     served = served_figure(found.steps, len(sizes))
     for suffix in ("svg", "png"):
         save_figure(cups, options.out / f"cups.{suffix}")
         save_figure(served, options.out / f"served.{suffix}")
+
+
+def _members(row: Mapping[str, Any]) -> str:
+    return f"{row['members']} member{'s' * (row['members'] != 1)}"
 
 
 def _summary(found: Sizes, sizes: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -160,7 +164,7 @@ def _summary(found: Sizes, sizes: Sequence[Mapping[str, Any]]) -> list[str]:
     step = found.steps[len(sizes) - 1]
     best, wires = step.sizes.served, step.wire_groups.served
     lines = [
-        f"size {row['size']}: {row['scan']}, {row['members']} members, mean {row['mean_mm']:.1f} mm, "
+        f"size {row['size']}: {row['scan']}, {_members(row)}, mean {row['mean_mm']:.1f} mm, "
         f"wire {row['wire_mm']:.0f} mm"
         for row in sizes
     ]

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from brafit.cup.edge_gaps import gaps_to_points, nearest_on_polyline, polyline_points
+from brafit.cup.names import edge_names, panel_names
 from brafit.cup.shape import CupShape
 from brafit.geometry.developable import dot, twist_angle
 from brafit.geometry.development import FlatPanel, arc_lengths
@@ -145,10 +146,12 @@ class Bend:
     arc: float
 
     def __str__(self) -> str:
-        last = self.edges - 1
-        name = "the wire edge" if self.edge == 0 else "the upper edge" if self.edge == last else f"ridge {self.edge}"
-        where = f"{self.arc:.0f} mm from its inner end, in panel {self.panel + 1}"
-        return f"{name} bends with a radius of {self.radius:.1f} mm, {where}"
+        """In the words that stand on the pieces."""
+        panels = self.edges - 1
+        edge, panel = edge_names(panels)[self.edge], panel_names(panels)[self.panel]
+        edge, panel = (name if name[-1].isdigit() else f"the {name}" for name in (edge, panel))
+        edge += " edge" * (self.edge == 0)
+        return f"{edge} bends with a radius of {self.radius:.1f} mm, {self.arc:.0f} mm from centre front, on {panel}"
 
 
 def tight_bends(shape: CupShape, panels: Sequence[FlatPanel], strap_point: Float[np.ndarray, "3"] | None) -> list[Bend]:

@@ -21,6 +21,8 @@ _LEADER_STARTS = ((-0.47, 0.0), (0.47, 0.0), *((x, y) for x in (-0.35, -0.2, 0.0
 """Where a leader may begin, in widths and heights of the text from its middle."""
 _CAPTIONS = (2.8, 2.4, 2.0)
 """Heights of letters in mm that captions are tried in."""
+_SEAM_SHARES = np.array((0.22, 0.78, 0.28, 0.72, 0.17, 0.83, 0.4, 0.6, 0.13, 0.87))
+"""Where along a seam its name may stand, the best first."""
 
 
 def place_captions(
@@ -29,8 +31,9 @@ def place_captions(
     marks: Sequence[tuple[str, Float[ndarray, "2"], Float[ndarray, "2"]]],
     holes: Sequence[tuple[str, Float[ndarray, "2"]]],
     grain: tuple[str, Float[ndarray, "2 2"]],
+    seams: Sequence[SeamSide] = (),
 ) -> tuple[Caption, ...]:
-    """Captions of marks inside a piece, of its grain line, of its two ends, and of marks on the sewing lines.
+    """Captions of marks inside a piece, of its grain line, of its two ends, of marks on the sewing lines, and of seams.
 
     Args:
         sight: where there is room; takes what is placed.
@@ -38,6 +41,7 @@ def place_captions(
         marks: name, foot on a sewing line, and unit vector from there into the piece.
         holes: name and place.
         grain: name and ends of the grain line.
+        seams: the sewing lines that are sewn to another piece.
     """
     captions = [_first(sight, name, _around(point), point) for name, point in holes]
     if np.linalg.norm(grain[1][1] - grain[1][0]) > 0:
@@ -49,7 +53,26 @@ def place_captions(
         captions.append(_first(sight, name, _from_tip(tip, a, b, outward, sight), tip))
     for name, foot, inward in marks:
         captions.append(_first(sight, name, _beside(foot, inward), foot))
+    for seam in seams:
+        captions.append(_first(sight, seam.name, _along_seam(seam), seam.curve.at(seam.curve.length / 4)[0]))
     return tuple(captions)
+
+
+@dataclass(frozen=True)
+class SeamSide:
+    """A sewing line that is sewn to another piece.
+
+    Attributes:
+        name: of the seam, the same on the other piece.
+        curve: the line, from the inner end, so that both pieces have the name at about the same place.
+        allowance: beyond it, mm.
+        outward: 1 where the cloth lies to its left, -1 where it lies to its right.
+    """
+
+    name: str
+    curve: Curve
+    allowance: float
+    outward: float
 
 
 @dataclass(frozen=True)
@@ -182,6 +205,18 @@ def _along_line(ends: Float[ndarray, "2 2"]) -> Callable[[str, float], Sequence[
     return places
 
 
+def _along_seam(seam: SeamSide) -> Callable[[str, float], Sequence[_Places]]:
+    """Places along a seam: in its allowance, where no other text wants to be, else inside the line."""
+    middle, along = seam.curve.trace(seam.curve.places(_SEAM_SHARES * seam.curve.length))
+    outward = seam.outward * along[:, ::-1] * (1.0, -1.0)
+
+    def places(words: str, size: float) -> Sequence[_Places]:
+        gaps = (seam.allowance / 2, -(size / 2 + 1.5), -(size / 2 + 3.0))
+        return [_Places(middle + gap * outward, along) for gap in gaps]
+
+    return places
+
+
 def _beside(foot: ndarray, inward: ndarray) -> Callable[[str, float], Sequence[_Places]]:
     """Places inside a sewing line, the nearest first: level, then along the line."""
     edge = np.array((-inward[1], inward[0]))
@@ -200,7 +235,7 @@ def _beside(foot: ndarray, inward: ndarray) -> Callable[[str, float], Sequence[_
         return [
             group(words, size, (1.0, 2.0, 3.5), False),
             beyond,
-            group(words, size, (5.0, 7.0, 9.0, 12.0), True),
+            group(words, size, (5.0, 7.0, 9.0, 12.0, 16.0, 20.0), True),
         ]
 
     return places

@@ -14,14 +14,14 @@ from numpy import ndarray
 from shapely import LineString, Point, Polygon
 
 from brafit.pattern.allowance import Ring, cut_outlines, signed_area, valid_polygon
-from brafit.pattern.caption import place_captions
+from brafit.pattern.caption import SeamSide, place_captions
 from brafit.pattern.cloth import as_cut, cloth_words, ease_words, reshaped, unequal
 from brafit.pattern.curve import Curve, closed, curves_through, enclosed_area
 from brafit.pattern.grain import grain_angle, grain_line, grain_name, too_wide
 from brafit.pattern.label import Caption, Label, Sight, place_label
 from brafit.pattern.notch import Notch, notch_places, notches_on
 from brafit.pattern.options import PatternOptions
-from brafit.pattern.piece import Hole, Kind, Piece, Side, self_crossings
+from brafit.pattern.piece import KIND_NAMES, Hole, Kind, Piece, Side, self_crossings
 from brafit.remarks import Remark
 
 Move = Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]]
@@ -220,7 +220,7 @@ def finish(
     outlines = cut_outlines([Ring(own.eased, own.widths, own.outward, own.seams) for own in sewn])
     done = []
     for number, (own, (cut, messages)) in enumerate(zip(sewn, outlines, strict=True), start=1):
-        elsewhere = {_seam_name(edge) for edge in seams} - {_seam_name(edge.name) for edge in own.piece.edges}
+        elsewhere = set(seams) - {edge.name for edge in own.piece.edges}
         places = {
             edge.name: notch_places(edge.kind, float(np.mean(seams[edge.name])), marks.get(edge.name, {}), options)
             for edge in own.piece.edges
@@ -239,7 +239,7 @@ def _unequal_seams(
     """Of seams whose sides differ in length; of what ease and stretch make of them only if they match without."""
 
     def differing(lengths: Mapping[str, Sequence[float]]) -> dict[str, float]:
-        found = {_seam_name(edge): max(sides) - min(sides) for edge, sides in lengths.items()}
+        found = {edge: max(sides) - min(sides) for edge, sides in lengths.items()}
         return {seam: by for seam, by in found.items() if by > options.seam_tolerance}
 
     if found := differing(seams):
@@ -249,11 +249,6 @@ def _unequal_seams(
     words = f"with this {change} its sides are {{:.1f}} mm different in length"
     remedy = f"sew notch to notch, or {remedy}"
     return [Remark("seam_sides_differ", words.format(by), seam, remedy) for seam, by in differing(eased).items()]
-
-
-def _seam_name(edge: str) -> str:
-    """What a remark on a seam is about."""
-    return f"seam '{edge}'"
 
 
 @dataclass(frozen=True)
@@ -275,6 +270,16 @@ class _Sewn:
     seams: Sequence[str]
     outline: Float[ndarray, "n 2"]
     outward: float
+
+    @property
+    def sides(self) -> list[SeamSide]:
+        """The edges that are sewn to another piece, from their inner ends."""
+        edges = enumerate(zip(self.seams, self.eased, self.widths, strict=True))
+        whole = [
+            SeamSide(name, curve.reversed() if i else curve, width, -self.outward if i else self.outward)
+            for i, (name, curve, width) in edges
+        ]
+        return [side for side in whole if side.name]
 
 
 def _sewn(pieces: Sequence[Piece], options: PatternOptions, side: Side) -> list[_Sewn]:
@@ -331,7 +336,7 @@ def _finish(
     sight.take(LineString(grain).buffer(1.6))
     named = [(notch.name, notch.foot, notch.inward) for notch in notches if notch.name]
     inner = [(hole.name, hole.point) for hole in holes]
-    captions = place_captions(sight, eased, named, inner, (grain_name(options), grain))
+    captions = place_captions(sight, eased, named, inner, (grain_name(options), grain), sewn.sides)
     widest: Side = "right" if options.pair else side  # the label of the mirrored piece needs its room too
     essential, further = _label(piece, options, name, widest, number, date)
     label = place_label(sight, essential + further, _notices(warnings), len(essential))
@@ -356,9 +361,10 @@ def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number:
     kinds = dict.fromkeys(edge.kind for edge in piece.edges)
     allowances = {kind: options.length(options.allowance[kind]) for kind in kinds}
     same = len(set(allowances.values())) == 1
-    allowance = next(iter(allowances.values())) if same else ", ".join(f"{k} {v}" for k, v in allowances.items())
+    each = ", ".join(f"{KIND_NAMES[kind]} {width}" for kind, width in allowances.items())
+    allowance = next(iter(allowances.values())) if same else each
     casing = options.wire["casing"] if "wire" in kinds else 0.0
-    needed = [piece.name, number, name, f"{side} cup", options.size and f"size {options.size}"]
+    needed = [piece.name, number, name * (name != options.size), f"{side} cup", options.size and f"size {options.size}"]
     needed += [f"cut {options.quantity}"]  # of a pair both sides are drawn, and each says so for itself
     needed += [f"allowance {allowance}", f"casing {options.length(casing)} more" if casing else ""]
     needed += cloth_words(options)

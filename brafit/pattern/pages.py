@@ -11,11 +11,13 @@ from jaxtyping import Float
 from numpy import ndarray
 from shapely import Polygon, box
 
-from brafit.pattern.drawing import INFO, Item, Page, Stroke, drawn, line_of, shifted
+from brafit.pattern.drawing import INFO, RED, Item, Page, Stroke, Words, drawn, line_of, shifted
 from brafit.pattern.finish import CutPiece, Pattern, warnings_of
+from brafit.pattern.label import text_width
+from brafit.pattern.lettering import LEAST, PITCH, shortened, text, wrapped
 from brafit.pattern.options import PAPERS
 from brafit.pattern.piece import Sheet, layout
-from brafit.pattern.sheet import CONTROL, control_square, heading, legend, named_pieces, text, warning_lines
+from brafit.pattern.sheet import CONTROL, ROW, TEXT, control_square, heading, legend, named_pieces, warned_lines
 
 MARGIN, OVERLAP, GAP = 10.0, 10.0, 6.0
 """Free border of a page, overlap of neighbouring tiles, distance of pieces on a page; mm."""
@@ -84,22 +86,26 @@ class Tiled:
 
 
 def paper_pages(patterns: Sequence[Pattern], title: str, note: str = "") -> list[Page]:
-    """A cover with control square, map, finished dimensions and warnings; then the pieces."""
+    """A cover with control square, map, finished dimensions and warnings, on more pages if need be; then the pieces."""
     paper = patterns[0].options.paper
     parts = arrange(named_pieces(patterns), paper)
-    total = 1 + sum(len(part.tiling.tiles) if isinstance(part, Tiled) else 1 for part in parts)
-    pages: list[Page] = [_cover(patterns, parts, title, note)]
+    pages = _covers(patterns, parts, title, note)
+    total = len(pages) + _count(parts)
     for part in parts:
         if isinstance(part, Whole):
-            words = f"{title}   page {len(pages) + 1} of {total}"
             items = [item for named in part.pieces for item in drawn(*named)]
-            foot = _foot(part.width, str(len(pages) + 1), words)
+            foot = _foot(part.width, title, len(pages) + 1, total)
             pages.append(Page(part.width, part.height, (*items, *foot)))
             continue
         for tile in part.tiling.tiles:
-            words = f"{title}   page {len(pages) + 1} of {total}: {part.piece[1]}, {tile.name}"
-            pages.append(_tile(part, tile, str(len(pages) + 1), words))
+            foot = _foot(part.tiling.width, title, len(pages) + 1, total, f": {part.piece[1]}, {tile.name}")
+            pages.append(_tile(part, tile, foot))
     return pages
+
+
+def _count(parts: Sequence[Whole | Tiled]) -> int:
+    """Of their pages."""
+    return sum(len(part.tiling.tiles) if isinstance(part, Tiled) else 1 for part in parts)
 
 
 def arrange(pieces: Sequence[Named], paper: str) -> list[Whole | Tiled]:
@@ -141,17 +147,18 @@ def _turn(degrees: float) -> Float[ndarray, "2 2"]:
 
 
 def _filled(pieces: Sequence[Named], width: float, height: float) -> Whole:
-    """A page with those of the pieces that find room on it: row by row from the top, in each from the left."""
+    """A page with those of the pieces that find room on it: row by row upwards, as they are worn, from the left."""
     placed: list[Named] = []
-    x, top, row = MARGIN, height - MARGIN, 0.0
+    x, bottom, row = MARGIN, MARGIN, 0.0
+    right, top = width - MARGIN + 1e-9, height - MARGIN + 1e-9
     for piece, name, series in pieces:
         low, high = piece.bounds
         size = high - low
-        if x > MARGIN and (x + size[0] > width - MARGIN + 1e-9 or size[1] > top - MARGIN + 1e-9):
-            x, top, row = MARGIN, top - row - GAP, 0.0
-        if size[0] > width - 2 * MARGIN + 1e-9 or size[1] > top - MARGIN + 1e-9:
+        if x > MARGIN and (x + size[0] > right or bottom + size[1] > top):
+            x, bottom, row = MARGIN, bottom + row + GAP, 0.0
+        if x + size[0] > right or bottom + size[1] > top:
             continue
-        shift = np.array((x, top - size[1])) - low
+        shift = np.array((x, bottom)) - low
         placed.append((piece.map(lambda points, shift=shift: points + shift), name, series))
         x, row = x + size[0] + GAP, max(row, float(size[1]))
     if not placed:
@@ -188,7 +195,49 @@ def _tiling(sheet: Sheet[CutPiece], width: float, height: float) -> Tiling:
     return Tiling(width, height, columns, rows, tuple(tiles))
 
 
-def _cover(patterns: Sequence[Pattern], parts: Sequence[Whole | Tiled], title: str, note: str) -> Page:
+def _covers(patterns: Sequence[Pattern], parts: Sequence[Whole | Tiled], title: str, note: str) -> list[Page]:
+    """The cover, and pages for what it has no room for."""
+    width, height = PAPERS[patterns[0].options.paper]
+    items, level = _cover(patterns, parts, title, note)
+    texts = _flowed(_told(patterns, width - 2 * MARGIN), level - _MAP - 9, height - MARGIN - 4)
+    count = len(texts)
+    items += _map(parts, MARGIN, level, width - 2 * MARGIN, count + 1)
+    pages = [Page(width, height, (*items, *texts[0]))]
+    for number, own in enumerate(texts[1:], start=2):
+        pages.append(Page(width, height, (*own, *_foot(width, title, number, count + _count(parts)))))
+    return pages
+
+
+def _told(patterns: Sequence[Pattern], room: float) -> list[tuple[float, Words]]:
+    """Lines of finished dimensions and warnings, each with its distance from the line above, mm."""
+    cut = ", as cut" * any(pattern.reshaped for pattern in patterns)
+    lines = [(0.0, text(f"finished dimensions (sewing lines{cut})", MARGIN, 0, 3.8, bold=True))]
+    for pattern in patterns:
+        for piece in pattern.pieces:
+            lengths = ", ".join(f"{line.name} {pattern.options.length(line.length)}" for line in piece.sew)
+            for row, words in enumerate(wrapped(f"{pattern.name}, {piece.name}: {lengths}", 3.2, room)):
+                lines.append((5.0 if row == 0 else 3.2 * PITCH, text(words, MARGIN, 0, 3.2)))
+    for row, words in enumerate(warned_lines(warnings_of(patterns), room)):
+        lines.append((7.0 if row == 0 else ROW, text(words, MARGIN, 0, TEXT, bold=True, colour=RED)))
+    return lines
+
+
+def _flowed(lines: Sequence[tuple[float, Words]], level: float, top: float) -> list[list[Item]]:
+    """Lines from a level down, and where the page ends from the top of further ones."""
+    pages: list[list[Item]] = [[]]
+    for drop, line in lines:
+        level -= drop
+        if level < 2 * MARGIN:
+            pages.append([])
+            level = top
+        pages[-1] += shifted([line], (0.0, level))
+    return pages
+
+
+def _cover(
+    patterns: Sequence[Pattern], parts: Sequence[Whole | Tiled], title: str, note: str
+) -> tuple[list[Item], float]:
+    """What the cover always has but for the map of the pages, and where there is room for that."""
     options = patterns[0].options
     width, height = PAPERS[options.paper]
     inner = width - 2 * MARGIN
@@ -210,21 +259,11 @@ def _cover(patterns: Sequence[Pattern], parts: Sequence[Whole | Tiled], title: s
     for row, line in enumerate(advice if tiled else ["Every piece is whole on one page: nothing to glue."]):
         items.append(text(line, left, top - depth - 4 - 4.6 * row, 3.0, room=width - MARGIN - left))
     level = min(top - CONTROL, top - depth - 4 - 4.6 * len(advice) * bool(tiled)) - 8
-    items += _map(parts, MARGIN, level, inner)
-    level -= _MAP + 9
-    cut = ", as cut" * any(pattern.reshaped for pattern in patterns)
-    items.append(text(f"finished dimensions (sewing lines{cut})", MARGIN, level, 3.8, bold=True))
-    for pattern in patterns:
-        for piece in pattern.pieces:
-            level -= 5
-            lengths = ", ".join(f"{line.name} {options.length(line.length)}" for line in piece.sew)
-            items.append(text(f"{pattern.name}, {piece.name}: {lengths}", MARGIN, level, 3.2, room=inner))
-    items += warning_lines(warnings_of(patterns), MARGIN, level - 7, inner)
-    return Page(width, height, tuple(items))
+    return items, level
 
 
-def _map(parts: Sequence[Whole | Tiled], x: float, top: float, room: float) -> list[Item]:
-    """The pages in small with their numbers, or the names of the tiles, and the pieces on them."""
+def _map(parts: Sequence[Whole | Tiled], x: float, top: float, room: float, page: int) -> list[Item]:
+    """The pages in small with their numbers, the first of them `page`, or the names of the tiles; and the pieces."""
     sizes = [
         np.ptp(_frames(part), axis=0) if isinstance(part, Tiled) else np.array((part.width, part.height))
         for part in parts
@@ -232,7 +271,6 @@ def _map(parts: Sequence[Whole | Tiled], x: float, top: float, room: float) -> l
     total = float(sum(size[0] for size in sizes))
     scale = min((room - 4 * (len(parts) - 1)) / total, _MAP / max(float(size[1]) for size in sizes))
     items: list[Item] = []
-    page = 2
     for part, size in zip(parts, sizes, strict=True):
         if isinstance(part, Whole):
             frames = np.array(((0.0, 0.0), (part.width, part.height)))[None]
@@ -271,15 +309,18 @@ def _outline(points: Float[ndarray, "n 2"], fill: str) -> Item:
     return Stroke(INFO, "leader", "map", (line_of(np.vstack((points, points[:1]))),), closed=True, fill=fill)
 
 
-def _foot(width: float, name: str, words: str) -> list[Item]:
+def _foot(width: float, title: str, number: int, total: int, more: str = "") -> list[Item]:
+    room = width - 2 * MARGIN - 55
+    words = f", page {number} of {total}{more}"
+    name = shortened(title, LEAST, max(room - text_width(words, LEAST), 20.0))
     return [
-        text(name, MARGIN, MARGIN - 4.5, 4.5, bold=True),
-        text(words, MARGIN + 12, MARGIN - 4.5, 3.0, room=width - 2 * MARGIN - 55),
+        text(str(number), MARGIN, MARGIN - 4.5, 4.5, bold=True),
+        text(f"{name}{words}", MARGIN + 12, MARGIN - 4.5, 3.0, room=room),
         text("true size, print at 100 %", width - MARGIN - 42, MARGIN - 4.5, 3.0),
     ]
 
 
-def _tile(part: Tiled, page: Tile, name: str, words: str) -> Page:
+def _tile(part: Tiled, page: Tile, foot: Sequence[Item]) -> Page:
     """A part of a piece within a frame; neighbours overlap, and crosses meet crosses."""
     tiling, seen = part.tiling, np.array((part.tiling.width, part.tiling.height)) - 2 * MARGIN
     shown = shifted(drawn(part.sheet.pieces[0], *part.piece[1:]), (MARGIN - page.x, MARGIN - page.y))
@@ -299,7 +340,7 @@ def _tile(part: Tiled, page: Tile, name: str, words: str) -> Page:
                 for level in (outer, beyond):
                     items.append(_cross(*((level, along) if axis == 0 else (along, level))))
     items.append(text(page.name, MARGIN + 2, MARGIN + 6, 9.0, bold=True, colour="#909090"))
-    return Page(tiling.width, tiling.height, (*items, *_foot(tiling.width, name, words)), tuple(shown), frame)
+    return Page(tiling.width, tiling.height, (*items, *foot), tuple(shown), frame)
 
 
 def _glue(*paths: tuple) -> Stroke:

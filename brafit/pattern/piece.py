@@ -5,7 +5,7 @@ Pieces are seen from the outside of the cup, that is with the right side of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Literal, Protocol, TypeVar, runtime_checkable
 
@@ -15,10 +15,14 @@ from numpy import ndarray
 from scipy.interpolate import CubicSpline
 from shapely import LinearRing
 
+from brafit.cup.names import edge_names, panel_names
 from brafit.geometry.development import FlatPanel
 
 Kind = Literal["wire", "ridge", "upper"]
 """What an edge is sewn to: the wire casing, the neighbouring panel, or nothing (the free upper edge)."""
+
+KIND_NAMES: Mapping[str, str] = {"wire": "wire", "ridge": "seam", "upper": "upper"}
+"""What labels call them."""
 
 Side = Literal["left", "right"]
 """The wearer's side."""
@@ -184,7 +188,7 @@ def pieces_from_panels(panels: Sequence[FlatPanel], side: Side = "left", marks: 
         raise ValueError("a cup has at least one panel")
     if side not in ("left", "right"):
         raise ValueError(f"side must be left or right, not {side!r}")
-    names, seams = piece_names(len(panels)), seam_names(len(panels))
+    names, seams = panel_names(len(panels)), edge_names(len(panels))
     ridges: list[Kind] = ["ridge"] * (len(panels) - 1)
     kinds: list[Kind] = ["wire", *ridges, "upper"]
     pieces = []
@@ -229,18 +233,6 @@ def _arc_length(points: Float[ndarray, "n 2"]) -> Float[ndarray, " n"]:
     start, step = chords[:-1], np.diff(chords)
     speed = np.linalg.norm(spline(start[:, None] + step[:, None] * (nodes + 1) / 2, 1), axis=-1)
     return np.append(0.0, np.cumsum(speed @ weights * step / 2))
-
-
-def piece_names(count: int) -> list[str]:
-    """Of the pieces of a cup of that many panels, from the wire up."""
-    named = {1: ["panel"], 2: ["lower panel", "upper panel"], 3: ["lower panel", "middle panel", "upper panel"]}
-    return named.get(count, [f"panel {i + 1}" for i in range(count)])
-
-
-def seam_names(count: int) -> list[str]:
-    """Of the edges of a cup of that many panels, from the wire up."""
-    ridges = ["ridge"] if count == 2 else [f"ridge {i + 1}" for i in range(count - 1)]
-    return ["wire", *ridges, "upper edge"]
 
 
 def _levelled(piece: Piece) -> Piece:

@@ -11,14 +11,12 @@ from numpy import ndarray
 
 from brafit.pattern.cloth import cloth_words
 from brafit.pattern.drawing import (
-    BLACK,
     INFO,
     RED,
     SEWING,
     Item,
     Page,
     Stroke,
-    Words,
     arrow,
     drawn,
     hole_mark,
@@ -28,7 +26,7 @@ from brafit.pattern.drawing import (
 )
 from brafit.pattern.finish import CutPiece, Pattern, warnings_of
 from brafit.pattern.grain import grain_name
-from brafit.pattern.label import text_width
+from brafit.pattern.lettering import PITCH, one_line, paragraph, text, wrapped
 from brafit.pattern.marks import BUST_POINT, MATCH_POINT
 from brafit.pattern.notch import Notch
 from brafit.pattern.options import PatternOptions
@@ -38,7 +36,10 @@ MARGIN, GAP, CONTROL = 12.0, 10.0, 100.0
 """Free border of a sheet, distance of pieces, side of the control square; mm."""
 ROOM = 96.0
 """Width that the legend needs, mm."""
-_ROW, _TEXT = 5.6, 3.4
+TEXT, _ROW = 3.4, 5.6
+"""Height of the legend's letters and distance of its rows, mm."""
+ROW = PITCH * TEXT
+"""Distance of the lines of a wrapped text, mm."""
 _UNITS = {"mm": "units: mm, true size (1:1)", "inch": "lengths in inches, true size (1:1)"}
 
 
@@ -57,11 +58,11 @@ def named_pieces(patterns: Sequence[Pattern]) -> list[tuple[CutPiece, str, str]]
 def sheet_page(patterns: Sequence[Pattern], title: str, note: str = "") -> Page:
     """All pieces side by side on one page as large as they need."""
     sheet = layout_columns([column for pattern in patterns for column in pattern.drawn], GAP)
-    warnings = warnings_of(patterns)
     head = 12.0 + 6.0 * bool(note)
     inner = max(sheet.width, CONTROL + GAP + ROOM)
     below, legend_height = legend(patterns, np.zeros(2))
-    foot = max(CONTROL, legend_height + 5.5 * len(warnings) + 4.0)
+    told = warned_lines(warnings_of(patterns), inner)
+    foot = max(CONTROL, legend_height) + ROW * len(told) + 4.0 * bool(told)
     width, height = inner + 2 * MARGIN, head + sheet.height + GAP + foot + 2 * MARGIN
     corner = np.array(((width - sheet.width) / 2, MARGIN + foot + GAP))
     items: list[Item] = []
@@ -73,45 +74,22 @@ def sheet_page(patterns: Sequence[Pattern], title: str, note: str = "") -> Page:
     items += control_square(MARGIN, top - CONTROL, patterns[0].options)
     left = MARGIN + CONTROL + GAP
     items += shifted(below, (left, top))
-    items += warning_lines(warnings, left, top - legend_height - 3.0, inner - CONTROL - GAP)
+    items += [
+        text(line, MARGIN, MARGIN + ROW * (len(told) - row - 0.5), TEXT, bold=True, colour=RED)
+        for row, line in enumerate(told)
+    ]
     return Page(width, height, tuple(items))
 
 
 def heading(title: str, note: str, x: float, top: float, room: float) -> list[Item]:
     """Title and a second line below a page's upper border."""
-    items = [text(one_line(title), x, top - 4, 6.0, room=room, bold=True, name="title")]
+    items: list[Item] = [text(one_line(title), x, top - 4, 6.0, room=room, bold=True, name="title")]
     return items + [text(one_line(note), x, top - 10.7, 3.6, room=room, name="note")] * bool(note)
 
 
-def warning_lines(warnings: Sequence[str], x: float, top: float, room: float) -> list[Item]:
-    """A line for each warning."""
-    return [
-        text(f"WARNING: {words}", x, top - 5.5 * row, _TEXT, room=room, bold=True, colour=RED)
-        for row, words in enumerate(warnings)
-    ]
-
-
-def text(
-    words: str,
-    x: float,
-    y: float,
-    size: float,
-    *,
-    room: float | None = None,
-    bold: bool = False,
-    colour: str = BLACK,
-    centred: bool = False,
-    name: str = "",
-) -> Item:
-    """A line of text half way up at y, its letters `size` mm high; smaller where it would be longer than `room`."""
-    if room is not None:
-        size = min(size, room / max(text_width(words, 1.0, bold=bold), 0.1))
-    return Words(words, np.array((x, y), float), size, bold=bold, colour=colour, centred=centred, layer=INFO, name=name)
-
-
-def one_line(words: str) -> str:
-    """Text without line breaks."""
-    return " ".join(words.split())
+def warned_lines(warnings: Sequence[str], room: float) -> list[str]:
+    """Warnings in full, in lines of bold letters of the size TEXT that are not longer than `room` mm."""
+    return [line for words in warnings for line in wrapped(f"WARNING: {words}", TEXT, room, bold=True)]
 
 
 def control_square(x: float, y: float, options: PatternOptions) -> list[Item]:
@@ -136,14 +114,16 @@ def legend(patterns: Sequence[Pattern], at: Float[ndarray, "2"], room: float = R
     options = patterns[0].options
     alike = len({pattern.options.units for pattern in patterns}) == 1
     units = _UNITS[options.units] if alike else "true size (1:1)"
-    items: list[Item] = [text(units, 0, -2, _TEXT, bold=True, room=room)]
+    items: list[Item] = [text(units, 0, -2, TEXT, bold=True, room=room)]
     y = -9.0
     for sample, words in _rows(pieces, options):
-        items += [sample(y), text(words, 22, y, _TEXT, room=room - 22)]
-        y -= _ROW
+        told = paragraph(words, 22, y, TEXT, room=room - 22)
+        items += [sample(y), *told]
+        y -= _ROW + ROW * (len(told) - 1)
     for words in ("right side of the cloth up", *_contents(patterns)):
-        items.append(text(words, 0, y, _TEXT, room=room))
-        y -= _ROW
+        told = paragraph(words, 0, y, TEXT, room=room)
+        items += told
+        y -= _ROW + ROW * (len(told) - 1)
     return shifted((replace(item, layer=INFO, group="legend") for item in items), at), -y - _ROW / 2
 
 

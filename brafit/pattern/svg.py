@@ -19,7 +19,8 @@ from brafit.atomic import write_bytes
 from brafit.pattern.curve import Curve
 from brafit.pattern.drawing import INFO, LAYERS, PENS, Item, Page, Stroke, Words
 from brafit.pattern.finish import Pattern
-from brafit.pattern.sheet import one_line, sheet_page
+from brafit.pattern.lettering import one_line
+from brafit.pattern.sheet import sheet_page
 
 SVG, INKSCAPE = "http://www.w3.org/2000/svg", "http://www.inkscape.org/namespaces/inkscape"
 

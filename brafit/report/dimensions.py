@@ -10,8 +10,8 @@ import torch
 from jaxtyping import Float
 from numpy import ndarray
 
+from brafit.cup.names import edge_names, panel_names
 from brafit.pattern.finish import Pattern
-from brafit.pattern.piece import piece_names, seam_names
 from brafit.report.measures import Fitted, over_surface
 from brafit.underwires.nearest import wanted_wire
 
@@ -126,8 +126,8 @@ def piece_dimensions(cups: Sequence[Fitted]) -> dict[Key, Float[ndarray, " cups"
         cups: with as many panels each.
     """
     count = len(cups[0].panels)
-    seams, measured = seam_names(count), {}
-    for i, name in enumerate(piece_names(count)):
+    seams, measured = edge_names(count), {}
+    for i, name in enumerate(panel_names(count)):
         flat = torch.stack([torch.stack((cup.panels[i].lower, cup.panels[i].upper)) for cup in cups])
         sizes = _of_flat(_numbers(flat))
         measured |= {(name, seams[i]): sizes.pop("lower"), (name, seams[i + 1]): sizes.pop("upper")}

@@ -14,9 +14,9 @@ from brafit import __version__
 MEANINGS: dict[str, tuple[str, str]] = {
     "points": ("points of the fit", ""),
     "rms_mm": ("distance of the points from the cup: root mean square", "mm"),
-    "mean_mm": ("mean", "mm"),
-    "p95_mm": ("95th percentile", "mm"),
-    "max_mm": ("largest", "mm"),
+    "mean_mm": ("mean of these distances", "mm"),
+    "p95_mm": ("95 % of these distances are smaller", "mm"),
+    "max_mm": ("largest of these distances", "mm"),
     "upper_edge_mm": ("upper edge off the neckline as given, mean", "mm"),
     "neckline_smoothing_mm": ("given neckline off the smooth one that the cup follows, at most", "mm"),
     "seam_to_apex_mm": ("nearest seam and bust point apart", "mm"),
@@ -30,9 +30,13 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "isometry_mm": ("lengths in the cup and in the flat pattern differ by, at most", "mm"),
     "seam_mismatch_mm": ("before ease and stretch, the two sides of a seam differ in length by, at most", "mm"),
     "iterations": ("evaluations of the objective", ""),
-    "seconds": ("time of the fit", "s"),
+    "seconds": ("time of the fit, a scan: that of its batch by the number of its scans", "s"),
 }
 """Figures of a fit that the pages show: what they mean, and their unit."""
+HEADS = {"outline_sd_mm": "outlines ±", "twist_deg_max": "twist", "seconds": "seconds a scan"}
+"""What columns are called, where their keys do not say it."""
+PLACES = {"points": 0, "iterations": 0, "wire_length_mm": 1, "seconds": 1}
+"""Decimal places of figures that have not two: a hundredth of a millimetre is what cloth is cut to at best."""
 
 
 def page(title: str, body: str, wide: bool = False) -> str:
@@ -58,9 +62,20 @@ def number(value: Any) -> float | None:
     return float(value)
 
 
-def short(value: float) -> str:
-    """Four digits at most, and no powers of ten for what is as good as nothing."""
-    return "< 0.001" if 0 < abs(value) < 0.001 else f"{value:.4g}"
+def fixed(value: float, places: int = 2) -> str:
+    """A number with so many decimal places, so that those of a column align; of what is as good as nothing a bound."""
+    least = 10.0**-places
+    return f"< {least:.{places}f}" if 0 < abs(value) < least / 2 else f"{value:.{places}f}"
+
+
+def figure(key: str, value: float) -> str:
+    """A figure of a fit with as many decimal places as it always has."""
+    return fixed(value, PLACES.get(key, 2))
+
+
+def head(key: str) -> str:
+    """What the column of a figure is called."""
+    return HEADS.get(key, key.removesuffix("_mm").replace("_", " "))
 
 
 def text(words: Any) -> str:

@@ -9,12 +9,12 @@ from typing import Any
 from urllib.parse import quote
 
 from brafit.atomic import write_text
-from brafit.report.html import MEANINGS, asset, number, page, short, text
+from brafit.report.html import MEANINGS, asset, figure, head, number, page, text
 
 MAIN = frozenset(
     {
         "rms_mm", "p95_mm", "max_mm", "upper_edge_mm", "seam_to_apex_mm", "outline_sd_mm", "tightest_radius_mm",
-        "wire_length_mm", "twist_deg_max", "seam_mismatch_mm", "seconds",
+        "wire_length_mm", "twist_deg_max", "seam_mismatch_mm",
     }
 )  # fmt: skip
 """Figures that the page shows at first, as many as a window has room for; a tick shows the others too."""
@@ -35,12 +35,12 @@ def write_index(
         folders: where each scan's files are, seen from this page; None: in a folder of its name.
     """
     keys = [key for key in MEANINGS if any(row.get(key) is not None for row in rows)]
-    heads = ["cup", "scan", "status", "warnings", "side", *(key.removesuffix("_mm") for key in keys)]
+    heads = ["cup", "scan", "status", "warnings", "side", *map(head, keys)]
     about = ["", "", "", "of the fit and of the pieces; open them to read", ""]
-    titles = [*about, *(f"{MEANINGS[key][0]} {MEANINGS[key][1]}".strip() for key in keys)]
+    titles = [*about, *(", ".join(filter(None, MEANINGS[key])) for key in keys)]
     classes = [*("" for _ in about), *map(_class, keys)]
-    head = "".join(
-        f'<th class="{kind}" title="{text(title)}">{text(words.replace("_", " "))}</th>'
+    shown = "".join(
+        f'<th class="{kind}" title="{text(title)}">{text(words)}</th>'
         for kind, words, title in zip(classes, heads, titles, strict=True)
     )
     places = [str(row["scan"]) for row in rows] if folders is None else folders
@@ -52,11 +52,21 @@ def write_index(
         f"<h1>bra cups</h1><p>{good} of {len(rows)} scans ok, {warned} with warnings{failed}. "
         "Lengths in mm, angles in degrees. Click a heading to sort, a scan for its report.</p>"
         '<input type="checkbox" id="every"> <label for="every">all figures</label>'
-        f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead>'
-        f"<tbody>\n{lines}\n</tbody></table></div>"
+        f'<div class="scroll"><table class="sortable"><thead><tr>{shown}</tr></thead>'
+        f"<tbody>\n{lines}\n</tbody></table></div>{_meanings(keys)}"
         f"<script>{asset('table.js')}</script>"
     )
     write_text(path, page("bra cups", body, wide=True))
+
+
+def _meanings(keys: Sequence[str]) -> str:
+    """What the columns say, for screens that show no tooltips."""
+    told = "".join(
+        f'<dt class="{_class(key)}">{text(head(key))}</dt>'
+        f'<dd class="{_class(key)}">{text(", ".join(filter(None, MEANINGS[key])))}</dd>'
+        for key in keys
+    )
+    return f'<dl class="meanings">{told}</dl>' if told else ""
 
 
 def _class(key: str) -> str:
@@ -81,6 +91,6 @@ def _index_line(row: Mapping[str, Any], told: Sequence[str], keys: Sequence[str]
     ]
     for key in keys:
         value = number(row.get(key))
-        shown = "" if value is None else text(short(value))
+        shown = "" if value is None else text(figure(key, value))
         cells.append(f'<td class="{_class(key)}" data-value="{"" if value is None else repr(value)}">{shown}</td>')
     return f"<tr>{''.join(cells)}</tr>"

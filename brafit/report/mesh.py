@@ -19,7 +19,7 @@ from numpy import ndarray
 from brafit.atomic import write_bytes, write_text
 from brafit.cup.shape import CupShape
 from brafit.pattern.piece import Piece, Side
-from brafit.report.colour import PANELS, distance_colours, distance_limit
+from brafit.report.colour import PANELS, STEPS, distance_colours
 
 DOTS = 4000
 """Points of a cloud that `mesh_view` shows at most."""
@@ -80,9 +80,7 @@ def write_cup_ply(path: str | Path, shape: CupShape, place: Place | None = None,
     write_bytes(path, _ply(_structured(fields), mesh.faces, "bra cup, panels from the wire up, mm"))
 
 
-def write_points_ply(
-    path: str | Path, points: Float[ndarray, "n 3"], distances: Float[ndarray, " n"], limit: float | None = None
-) -> None:
+def write_points_ply(path: str | Path, points: Float[ndarray, "n 3"], distances: Float[ndarray, " n"]) -> None:
     """Write the scan's points with their signed distances from the cup, binary PLY.
 
     Vertex properties: x y z (double), distance (float, mm, positive outside the cup), red green blue (uchar).
@@ -91,7 +89,6 @@ def write_points_ply(
         path: the file; missing folders are made, and it is never there in part.
         points: mm, in the frame that is to be written.
         distances: mm.
-        limit: end of the colour scale in mm; None: a round number that 98 % of the points stay within.
 
     Raises:
         ValueError: not as many distances as points.
@@ -99,10 +96,10 @@ def write_points_ply(
     points, distances = np.asarray(points, float), np.asarray(distances, float)
     if len(points) != len(distances):
         raise ValueError(f"{len(points)} points but {len(distances)} distances")
-    limit = distance_limit(distances) if limit is None else limit
     fields = [*_columns("x y z", "<f8", points), *_columns("distance", "<f4", distances[:, None])]
-    fields += _columns("red green blue", "u1", distance_colours(distances, limit))
-    comment = f"distance from the cup in mm, colours from -{limit:g} (blue) to {limit:g} (red)"
+    fields += _columns("red green blue", "u1", distance_colours(distances))
+    steps = ", ".join(f"{step:g}" for step in STEPS)
+    comment = f"distance from the cup in mm, colours in steps at {steps}: blue inside, red outside"
     write_bytes(path, _ply(_structured(fields), None, comment))
 
 
@@ -254,7 +251,7 @@ def mesh_view(
     dots, faces = _tetrahedra(points[chosen] * worn, size)
     vertices = np.vstack((cup.vertices, dots))
     centre = (vertices.min(0) + vertices.max(0)) / 2
-    colours = np.repeat(distance_colours(distances[chosen], distance_limit(distances)), 4, axis=0)
+    colours = np.repeat(distance_colours(distances[chosen]), 4, axis=0)
     return (
         ((vertices - centre) @ _UPRIGHT.T).astype(np.float32),
         np.vstack((PANELS[cup.panel % len(PANELS)], colours)).astype(np.uint8),

@@ -20,9 +20,9 @@ from brafit.cup.shape import CupShape
 from brafit.pattern.finish import Pattern
 from brafit.pattern.piece import Piece, Side
 from brafit.report.band import Deviation, band_svg, magnification
-from brafit.report.colour import DIVERGING, PANELS, distance_colours, distance_limit
+from brafit.report.colour import DIVERGING, PANELS, STEPS, distance_colours
 from brafit.report.dimensions import DEPTH, Dimension, measured_on
-from brafit.report.html import MEANINGS, asset, link, number, page, short, text
+from brafit.report.html import MEANINGS, asset, figure, fixed, link, number, page, text
 from brafit.report.paper import PaperPanel
 
 DOTS = 6000
@@ -87,15 +87,15 @@ def write_report(path: str | Path, content: ScanPage) -> None:
         path: the page; missing folders are made, and it is never there in part.
         content: what it shows.
     """
-    one, limit = content, distance_limit(content.distances)
-    data = _data(one.side, one.shape, one.papers, one.points, one.distances, limit)
+    one = content
+    data = _data(one.side, one.shape, one.papers, one.points, one.distances)
     body = [
         f"<h1>{text(one.name)}</h1>",
         f'<p class="soft">{one.about}</p>',
         _facts(one.row, one.dimensions, one.pattern),
         _warnings(one.warnings),
         "<h2>Cup and cloud</h2>",
-        _stage(limit, one.gap),
+        _stage(one.gap),
         "<h2>Pieces</h2>",
         _picture(one.drawing),
         "" if one.band is None else _certainty(*one.band),
@@ -116,22 +116,24 @@ def write_report(path: str | Path, content: ScanPage) -> None:
 
 
 def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension], pattern: Pattern) -> str:
-    seams = ("seam sides differ by", row.get("seam_mismatch_mm"), "mm")
+    seams = ("seam sides differ by", row.get("seam_mismatch_mm"), "mm", 2)
     if pattern.reshaped:
-        seams = ("seam sides differ by, as cut", pattern.seam_difference, "mm")
+        seams = ("seam sides differ by, as cut", pattern.seam_difference, "mm", 2)
     depth = next((d.value for d in dimensions if d.name == DEPTH), None)
     facts = [
-        ("RMS distance", row.get("rms_mm"), "mm"),
-        ("95 % of the points within", row.get("p95_mm"), "mm"),
-        ("seam to bust point", row.get("seam_to_apex_mm"), "mm"),
-        ("wire", row.get("wire_length_mm"), "mm"),
-        ("depth", depth, "mm"),
-        ("twist at most", row.get("twist_deg_max"), "degrees"),
+        ("RMS distance", row.get("rms_mm"), "mm", 2),
+        ("95 % of the points within", row.get("p95_mm"), "mm", 2),
+        ("seam to bust point", row.get("seam_to_apex_mm"), "mm", 1),
+        ("wire", row.get("wire_length_mm"), "mm", 1),
+        ("depth", depth, "mm", 1),
+        ("twist at most", row.get("twist_deg_max"), "degrees", 2),
         seams,
     ]
-    shown = [(name, number(value), unit) for name, value, unit in facts]
+    shown = [(name, number(value), unit, places) for name, value, unit, places in facts]
     cells = [
-        f"<div><b>{text(short(v))} {unit}</b><span>{name}</span></div>" for name, v, unit in shown if v is not None
+        f"<div><b>{text(fixed(value, places))} {unit}</b><span>{name}</span></div>"
+        for name, value, unit, places in shown
+        if value is not None
     ]
     return f'<div class="facts">{"".join(cells)}</div>'
 
@@ -143,8 +145,7 @@ def _warnings(warnings: Sequence[str]) -> str:
     return f'<div class="warnings"><b>Warnings</b><ul>{lines}</ul></div>'
 
 
-def _stage(limit: float, gap: float) -> str:
-    colours = ", ".join(f"rgb({r},{g},{b})" for r, g, b in DIVERGING.tolist())
+def _stage(gap: float) -> str:
     views = "".join(f'<button data-view="{v}">{v}</button>' for v in ("oblique", "front", "side", "below"))
     boxes = (("show-cup", "cup", 1), ("show-cloud", "cloud", 1), ("show-rulings", "rulings", 0),
              ("tint-cup", "cup in the colours of the nearest points", 0))  # fmt: skip
@@ -157,10 +158,21 @@ def _stage(limit: float, gap: float) -> str:
         f'<div class="controls">{views}{checks}'
         '<label>paper cup: flat <input type="range" id="fold" min="0" max="100" value="100"> folded '
         '(<span id="fold-share">cup</span>)</label></div>'
-        f'<div class="scale"><div style="background:linear-gradient(to right, {colours})"></div>'
-        f"<span>{-limit:g} mm (inside the cup)</span><span>0</span><span>{limit:g} mm (outside)</span></div></div>"
-        '<p class="soft">Drag to turn, wheel to zoom. Points are coloured by their distance from the cup. '
-        f"Folded from flat facets, the paper cup comes to within {text(short(gap))} mm of the cup.</p>"
+        f"{_scale()}</div>"
+        '<p class="soft">Drag to turn, wheel to zoom. Points are coloured by their distance from the cup, in the same '
+        f"steps for every scan: grey within {STEPS[0]:g} mm, blue inside, red outside. Folded from flat facets, the "
+        f"paper cup stays within {max(math.ceil(100 * gap), 1) / 100:.2f} mm of the cup.</p>"
+    )
+
+
+def _scale() -> str:
+    """The colours, with the distances at which they change below."""
+    bounds = [*-STEPS[::-1], *STEPS]
+    boxes = "".join(f'<div style="background:rgb({r},{g},{b})"></div>' for r, g, b in DIVERGING.tolist())
+    words = "".join(f"<span>{bound:+g}</span>" for bound in bounds).replace("-", "−")
+    return (
+        f'<div class="scale"><p><span>inside the cup</span><span>mm</span><span>outside</span></p>'
+        f'<div class="steps">{boxes}</div><div class="bounds">{words}</div></div>'
     )
 
 
@@ -172,11 +184,11 @@ def _picture(drawing: bytes) -> str:
 def _certainty(pieces: Sequence[Piece], deviation: Deviation) -> str:
     largest = max(float(edge.max()) for pair in deviation for edge in pair)
     return (
-        "<details open><summary>How certain the outlines are</summary>"
-        "<p>How far another scan of this breast would move the sewing lines: the band is one standard deviation to "
-        f"either side, at most {largest:.2f} mm, drawn {magnification(deviation)} times wider. "
-        "Wire, neckline and marks are taken as exact.</p>"
-        f"{band_svg(pieces, deviation)}</details>"
+        "<details open><summary>How certain the outlines are</summary><figure>"
+        f"{band_svg(pieces, deviation)}<figcaption>Black: the sewing lines. Orange: how far those of another scan of "
+        f"this breast would lie beside them, one standard deviation to either side: {largest:.2f} mm where the band is "
+        f"widest. It is drawn {magnification(deviation)} times wider than it is. Wire, neckline and marks are taken as "
+        "exact.</figcaption></figure></details>"
     )
 
 
@@ -246,10 +258,12 @@ def _figure_table(row: Mapping[str, Any], pattern: Pattern) -> str:
     for key, (meaning, unit) in MEANINGS.items():
         value = number(row.get(key))
         if value is not None:
-            lines.append(f'<tr><td>{meaning}</td><td class="number">{text(short(value))}</td><td>{unit}</td></tr>')
+            lines.append(
+                f'<tr><td>{meaning}</td><td class="number">{text(figure(key, value))}</td><td>{unit}</td></tr>'
+            )
     if pattern.reshaped:
         meaning = "as the pieces are cut, the two sides of a seam differ in length by, at most"
-        value = text(short(pattern.seam_difference))
+        value = text(fixed(pattern.seam_difference))
         lines.append(f'<tr><td>{meaning}</td><td class="number">{value}</td><td>mm</td></tr>')
     return f"<table>{''.join(lines)}</table>"
 
@@ -260,7 +274,6 @@ def _data(
     papers: Sequence[PaperPanel],
     points: Float[ndarray, "seen 3"],
     distances: Float[ndarray, " seen"],
-    limit: float,
 ) -> str:
     """What the viewer draws, as JSON: the viewer looks along -z with y up."""
     outward = -1.0 if side == "right" else 1.0
@@ -279,7 +292,7 @@ def _data(
                 "colour": PANELS[i % len(PANELS)].tolist(),
                 "stations": edges.shape[1],
                 "folds": [_packed((fold.reshape(-1, 3) @ upright.T).astype("<f4")) for fold in folds],
-                "tints": _packed(distance_colours(nearest, limit)),
+                "tints": _packed(distance_colours(nearest)),
             }
         )
     everything = np.vstack((edges.reshape(-1, 3), points)) @ upright.T
@@ -287,13 +300,13 @@ def _data(
     size = float(np.linalg.norm(high - low))
     data = {
         "points": _packed((points[chosen] @ upright.T).astype("<f4")),
-        "colours": _packed(distance_colours(distances[chosen], limit)),
+        "colours": _packed(distance_colours(distances[chosen])),
         "panels": panels,
         "strips": _STRIPS,
         "centre": ((low + high) / 2).tolist(),
         "size": size,
         "radius": size * float(np.clip(0.13 / math.sqrt(max(len(chosen), 1)), 0.0015, 0.006)),
-        "lift": limit + 0.015 * size,
+        "lift": float(STEPS[-1]) + 0.015 * size,
         "outward": outward,
     }
     return json.dumps(data, separators=(",", ":"))

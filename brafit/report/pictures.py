@@ -11,12 +11,12 @@ from brafit.pattern.drawing import RED, Words, drawn
 from brafit.pattern.finish import CutPiece, Move, Pattern
 from brafit.pattern.piece import Side, layout
 from brafit.report.canvas import FAINT, INK, SOFT, Canvas, Colour
-from brafit.report.colour import PANELS, distance_colours, distance_limit
+from brafit.report.colour import PANELS, STEPS, distance_colours, distance_limit
 from brafit.report.view import Picture, View
 
 _LINES: dict[str, tuple[str, Colour, float, tuple[float, float] | None]] = {
     "wire": ("wire", (11, 83, 148), 3.0, None),
-    "ridge": ("ridge (seam)", (180, 70, 15), 2.1, (12.5, 3.1)),
+    "ridge": ("seam", (180, 70, 15), 2.1, (12.5, 3.1)),
     "upper": ("upper edge", (46, 107, 52), 2.1, (2.9, 2.5)),
 }
 """Of each kind of edge: what the key calls it, colour, width and dashes in pixels; lines as in the SVG patterns."""
@@ -66,7 +66,6 @@ def fit_picture(
         title: above the picture.
         side: right cups, which are fitted as left ones, are drawn as they are worn.
     """
-    limit = distance_limit(distances)
     out = -1.0 if side == "right" else 1.0
     views = {
         "obliquely from below": View.of((_OBLIQUE[0], out * _OBLIQUE[1], _OBLIQUE[2]), _UP),
@@ -75,9 +74,9 @@ def fit_picture(
     }
     canvas = Canvas(1350, 640)
     canvas.text(title, (canvas.width / 2, 14), 18, bold=True)
-    pictures = {name: _view(view, points, distances, shape, limit, out) for name, view in views.items()}
+    pictures = {name: _view(view, points, distances, shape, out) for name, view in views.items()}
     _side_by_side(canvas, pictures, (60.0, 420.0), 456.0)
-    _histogram(canvas, distances, limit)
+    _histogram(canvas, distances)
     return canvas.png()
 
 
@@ -88,7 +87,7 @@ def thumbnail(
     out = -1.0 if side == "right" else 1.0
     chosen = np.unique(np.linspace(0, len(points) - 1, min(len(points), _THUMBNAIL_POINTS)).astype(int))
     view = View.of((_OBLIQUE[0], out * _OBLIQUE[1], _OBLIQUE[2]), _UP)
-    picture = _view(view, points[chosen], distances[chosen], shape, distance_limit(distances), out)
+    picture = _view(view, points[chosen], distances[chosen], shape, out)
     low, high = picture.bounds
     canvas = Canvas(*_THUMBNAIL, finer=4)
     room = np.array(_THUMBNAIL) - 4
@@ -141,7 +140,7 @@ def _key(canvas: Canvas, kinds: list[str], y: float) -> None:
         x += width
 
 
-def _view(view: View, points: ndarray, distances: ndarray, shape: CupShape, limit: float, out: float) -> Picture:
+def _view(view: View, points: ndarray, distances: ndarray, shape: CupShape, out: float) -> Picture:
     """Cup and points in one view; `out`: -1 mirrors them."""
     worn = np.array((1.0, out, 1.0))
     edges, normals = (tensor.detach().cpu().double().numpy() for tensor in (shape.edges, shape.normals))
@@ -159,7 +158,7 @@ def _view(view: View, points: ndarray, distances: ndarray, shape: CupShape, limi
     for edge in edges:
         picture.line(edge, _EDGE, 0.007 * size, lift=0.01 * size)
     # lifted by the colour scale, so that points just inside the cup show through it, and those on its far side do not
-    picture.dots(points * worn, distance_colours(distances, limit).astype(float), lift=limit + 0.015 * size)
+    picture.dots(points * worn, distance_colours(distances).astype(float), lift=float(STEPS[-1]) + 0.015 * size)
     return picture
 
 
@@ -181,14 +180,14 @@ def _side_by_side(canvas: Canvas, pictures: dict[str, Picture], rows: tuple[floa
         x += width + scale * gap
 
 
-def _histogram(canvas: Canvas, distances: Float[ndarray, " n"], limit: float) -> None:
+def _histogram(canvas: Canvas, distances: Float[ndarray, " n"]) -> None:
     """The distances' distribution in their own colours, which is also the colours' key."""
     left, right, top, bottom, key = 26.0, canvas.width - 20.0, 508.0, 576.0, 592.0
-    finite = distances[np.isfinite(distances)]
+    finite, limit = distances[np.isfinite(distances)], distance_limit(distances)
     bounds = np.linspace(-limit, limit, 81)
     counts, _ = np.histogram(np.clip(finite, -limit, limit), bounds)
     x = np.linspace(left, right, len(bounds))
-    colours = distance_colours((bounds[1:] + bounds[:-1]) / 2, limit).astype(int)
+    colours = distance_colours((bounds[1:] + bounds[:-1]) / 2).astype(int)
     heights = (bottom - top) * counts / max(int(counts.max()), 1)
     for low, high, height, colour in zip(x[:-1], x[1:], heights, colours.tolist(), strict=True):
         canvas.fill(np.array(((low, bottom - height), (high, bottom - height), (high, key), (low, key))), tuple(colour))

@@ -1,4 +1,4 @@
-// Tables that a click on a heading sorts: numbers as numbers, empty cells last.
+// Tables that a click on a heading sorts: numbers as numbers, empty cells last. Those wider than the window say so.
 "use strict";
 for (const heading of document.querySelectorAll("table.sortable th")) {
   const sort = () => {
@@ -22,4 +22,10 @@ for (const heading of document.querySelectorAll("table.sortable th")) {
   heading.tabIndex = 0;
   heading.addEventListener("click", sort);
   heading.addEventListener("keydown", (e) => { if (e.key === "Enter" || e.key === " ") { e.preventDefault(); sort(); } });
+}
+for (const box of document.querySelectorAll(".scroll")) {
+  const look = () => box.classList.toggle("cut", box.scrollWidth > box.clientWidth + 1);
+  new ResizeObserver(look).observe(box);
+  for (const tick of document.querySelectorAll("#every")) tick.addEventListener("change", look);
+  look();
 }

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import quote
 
 from brafit.atomic import write_text
-from brafit.report.html import asset, page, short
+from brafit.report.html import asset, figure, fixed, head, page
 from brafit.report.table import SUMMARY_KEYS, write_parquet, write_table
 
 CHECKED = 100
@@ -132,9 +132,9 @@ def _page(
     tables: Sequence[tuple[SweepJob, list[dict[str, Any]]]], swept: Sequence[str], best: Mapping[str, Mapping[str, Any]]
 ) -> str:
     figures = list(dict.fromkeys(key for _, table in tables for key in _medians(table)))
-    words = ["ok", "failed", *(key.removesuffix("_mm").replace("_", " ") for key in figures)]
-    head = "".join(f"<th>{escape(word)}</th>" for word in ["job", *swept])
-    head += "".join(f'<th class="number">{escape(word)}</th>' for word in words)
+    words = ["ok", "failed", *map(head, figures)]
+    heads = "".join(f"<th>{escape(word)}</th>" for word in ["job", *swept])
+    heads += "".join(f'<th class="number">{escape(word)}</th>' for word in words)
     lines = []
     for job, table in tables:
         good, medians = sum(row.get("status") == "ok" for row in table), _medians(table)
@@ -143,23 +143,23 @@ def _page(
         cells += [f'<td class="number" data-value="{n}">{n}</td>' for n in (good, len(table) - good)]
         for key in figures:
             value = medians.get(key)
-            shown = "" if value is None else escape(short(value))
+            shown = "" if value is None else escape(figure(key, value))
             cells.append(f'<td class="number" data-value="{"" if value is None else repr(value)}">{shown}</td>')
         lines.append(f"<tr>{''.join(cells)}</tr>")
     chosen = "".join(
         f'<tr><td>{escape(scan)}</td><td><a href="{quote(row["job"])}/{quote(scan)}/report.html">{escape(row["job"])}'
-        f'</a></td><td class="number" data-value="{row["rms_mm"]}">{escape(short(float(row["rms_mm"])))}</td></tr>'
+        f'</a></td><td class="number" data-value="{row["rms_mm"]}">{escape(fixed(float(row["rms_mm"])))}</td></tr>'
         for scan, row in sorted(best.items())
     )
     return page(
         "sweep",
         f"<h1>Sweep of {len(tables)} jobs</h1><p>Figures are medians of a job's good scans, lengths in mm. Click a "
         "heading to sort, a job for its scans.</p>"
-        f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody>'
+        f'<div class="scroll"><table class="sortable"><thead><tr>{heads}</tr></thead><tbody>{"".join(lines)}</tbody>'
         "</table></div><h2>Best of each scan</h2><p>The job with the lowest RMS distance; more panels and terms always "
-        'follow a scan closer.</p><table class="sortable"><thead><tr><th>scan</th><th>job</th>'
+        'follow a scan closer.</p><div class="scroll"><table class="sortable"><thead><tr><th>scan</th><th>job</th>'
         f'<th class="number">RMS</th></tr></thead>'
-        f"<tbody>{chosen}</tbody></table><script>{asset('table.js')}</script>",
+        f"<tbody>{chosen}</tbody></table></div><script>{asset('table.js')}</script>",
         wide=True,
     )
 

@@ -1,4 +1,5 @@
-"""Fits for different cloth: cups for other thickness cannot be compared, and pieces for other stretch are told of."""
+"""Fits for different cloth: cups for other thickness can be neither compared nor laid on one another, and pieces for
+other stretch are told of."""
 
 from __future__ import annotations
 
@@ -26,19 +27,19 @@ def check_thickness(fits: Sequence[StoredFit]) -> None:
     cause = (
         f"its cup is for material {other} mm thick (pattern.cloth.thickness), like {len(few)} of {len(fits)}, and "
         f"{len(most)} are for {usual} mm: a cup is the middle of its material, so they lie at different distances from "
-        "the skin and cannot be compared"
+        "the skin, and can be neither compared nor laid on one another"
     )
     remedy = "Name folders of one thickness, or fit those scans anew with the other's"
     raise InputError(few[0].folder / "fit.json", cause, remedy)
 
 
 def cloth_notes(fits: Sequence[StoredFit]) -> list[str]:
-    """What to say where pieces of some fits are cut for other stretch or ease than those of others; nothing else."""
+    """What to say where pieces of some fits are cut for other cloth or ease than those of others; nothing else."""
     found = _by(fits, lambda options: ", ".join((*cloth_words(options), ease_words(options))))
     if len(found) < 2:
         return []
     told = "; ".join(f"{words}: {len(own)}" for words, own in found)
-    return [f"pieces are cut for different stretch or ease, and dimensions as cut differ by that too (fits: {told})"]
+    return [f"pieces are cut for different cloth or ease, and dimensions as cut differ by that too (fits: {told})"]
 
 
 def _by(fits: Sequence[StoredFit], about: Callable[[PatternOptions], str]) -> list[tuple[str, list[StoredFit]]]:

@@ -15,8 +15,9 @@ from numpy import ndarray
 from brafit.atomic import write_bytes
 from brafit.pattern.drawing import BLACK, INFO, Item, Page, Stroke, Words, line_of, shifted
 from brafit.pattern.dxf import block_name, plain, tags
+from brafit.pattern.lettering import one_line, text
 from brafit.pattern.pdf import write_pages
-from brafit.pattern.sheet import CONTROL, GAP, MARGIN, ROOM, control_square, heading, legend, one_line, text
+from brafit.pattern.sheet import CONTROL, GAP, MARGIN, ROOM, control_square, heading, legend
 from brafit.pattern.svg import page_svg
 from brafit.sizing.nest import Layer, Nest
 
@@ -25,6 +26,8 @@ LINE = 6.0
 TOLERANCE = 0.01
 """How far (mm) DXF's polylines may lie from the curves."""
 FILES = ("patterns.svg", "patterns.dxf", "patterns.pdf")
+_OTHERS = (("CONTROL", 7), ("NAMES", 7))
+"""DXF's layers that are of no size, and their colour."""
 
 
 def write_nest(folder: Path, nest: Nest, title: str, note: str = "") -> list[Path]:
@@ -57,7 +60,7 @@ def nest_page(nest: Nest, title: str, note: str = "") -> Page:
     width, top = room + 2 * MARGIN, MARGIN + foot
     tall = top + GAP + nest.height + 20.0 + MARGIN
     low = ((width - nest.width) / 2, top + GAP)
-    items = shifted((item for layer in nest.layers for item in layer.items), low)
+    items = shifted([*(item for layer in nest.layers for item in layer.items), *nest.names], low)
     items += heading(title, note, MARGIN, tall - MARGIN, room)
     items += control_square(MARGIN, top - CONTROL, nest.patterns[0].options)
     left = MARGIN + CONTROL + GAP
@@ -83,7 +86,7 @@ def _sizes(layers: Sequence[Layer], x: float, top: float) -> list[Item]:
 
 def nest_dxf(nest: Nest) -> bytes:
     """A nest as DXF of release 12, mm: for each size the layers S_NAME (cut), S_NAME_SEW, _NOTCH, _DRILL, _GRAIN and
-    _TEXT in its colour; the control square is on the layer CONTROL.
+    _TEXT in its colour; the control square is on the layer CONTROL, names of pieces that lie on one another on NAMES.
     """
     taken: set[str] = set()
     names = [block_name(f"S_{layer.name}"[:25], taken) for layer in nest.layers]
@@ -91,8 +94,8 @@ def nest_dxf(nest: Nest) -> bytes:
     table = [
         (f"{name}{kind}", layer.colour_index) for name, layer in zip(names, nest.layers, strict=True) for kind in kinds
     ]
-    rows = "".join(tags((0, "LAYER"), (2, n), (70, 0), (62, c), (6, "CONTINUOUS")) for n, c in [*table, ("CONTROL", 7)])
-    layers = tags((0, "TABLE"), (2, "LAYER"), (70, len(table) + 1)) + rows + tags((0, "ENDTAB"))
+    rows = "".join(tags((0, "LAYER"), (2, n), (70, 0), (62, c), (6, "CONTINUOUS")) for n, c in [*table, *_OTHERS])
+    layers = tags((0, "TABLE"), (2, "LAYER"), (70, len(table) + len(_OTHERS))) + rows + tags((0, "ENDTAB"))
     bottom, entities = nest.height + GAP, []
     for row, (name, layer) in enumerate(zip(names, nest.layers, strict=True)):
         for item in layer.items:
@@ -101,6 +104,7 @@ def nest_dxf(nest: Nest) -> bytes:
         at = np.array((CONTROL + GAP + 20.0, bottom + CONTROL - LINE * (row + 1)))
         entities.append(_words(Words(layer.name, at, 3.6), f"{name}_TEXT"))
     square = np.array(((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))) * CONTROL + (0, bottom)
+    entities += [_words(own, "NAMES") for own in nest.names]
     entities.append(_polyline(square, "CONTROL"))
     entities.append(_words(Words("control square 100 mm", np.array((50.0, bottom + 50)), 4.0), "CONTROL"))
     header = tags((9, "$ACADVER"), (1, "AC1009"), (9, "$INSUNITS"), (70, 4))
@@ -126,6 +130,7 @@ def _polyline(points: Float[ndarray, "n 2"], layer: str) -> str:
 
 
 def _words(words: Words, layer: str) -> str:
-    x, y = words.at.tolist()
-    place = ((10, x), (20, y), (30, 0.0), (40, words.size))
-    return tags((0, "TEXT"), (8, layer), *place, (1, plain(words.text)))
+    start, *_ = words.corners if words.centred else (words.at,)
+    place = ((10, float(start[0])), (20, float(start[1])), (30, 0.0), (40, 0.7 * words.size))
+    turn = [(50, words.angle)] if abs(words.angle) > 1e-6 else []
+    return tags((0, "TEXT"), (8, layer), *place, (1, plain(words.text)), *turn)

@@ -8,17 +8,20 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 from numpy import ndarray
+from shapely import Polygon
 
 from brafit.pattern import CutPiece, Pattern, layout, layout_columns
-from brafit.pattern.drawing import Item, Stroke, Words, drawn
+from brafit.pattern.drawing import INFO, Item, Stroke, Words, drawn
+from brafit.pattern.label import text_width
 from brafit.pattern.marks import BUST_POINT, MATCH_POINT
 
 Align = Literal["apex", "wire", "none"]
 ALIGNS: tuple[Align, ...] = ("apex", "wire", "none")
-GAP = 12.0
-"""Between pieces that lie side by side, mm."""
+GAP, NAME = 12.0, 4.0
+"""Between pieces that lie side by side, and height of the letters of their names, mm."""
 HUES = 24
 """Colours that are told apart; DXF's wheel of colours has so many hues."""
 _DARK = 0.74
@@ -31,8 +34,8 @@ class Layer:
     Attributes:
         name: of the size.
         hue: number of its colour, 0 to HUES - 1.
-        items: its lines, piece by piece (`group`), and its name on each; none of a piece's other texts, which would
-            lie on one another. All are of the series `name`.
+        items: its lines, piece by piece (`group`), and its name on each; the pieces' own texts only where pieces lie
+            side by side, for otherwise they would lie on one another. All are of the series `name`.
     """
 
     name: str
@@ -52,12 +55,20 @@ class Layer:
 
 @dataclass(frozen=True)
 class Nest:
-    """A drawing of several sizes, mm, y up, its origin in the lower left corner. `patterns`: of which it is."""
+    """A drawing of several sizes, mm, y up, its origin in the lower left corner.
+
+    Attributes:
+        layers: a size each.
+        width, height: of all of them.
+        patterns: of which it is.
+        names: of pieces that lie on one another, beside them.
+    """
 
     layers: tuple[Layer, ...]
     width: float
     height: float
     patterns: tuple[Pattern, ...]
+    names: tuple[Words, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -109,10 +120,14 @@ def nested(patterns: Sequence[Pattern], align: Align = "apex") -> Nest:
     for k, pattern in enumerate(patterns):
         hue, items = _hue(k, len(patterns)), []
         for piece in (piece for owner, piece in placed if owner == k):
-            items += [*_lines(piece, several), _size(piece, pattern.size, k, len(patterns), align)]
+            if align == "none":
+                items += drawn(piece, _named(piece, several))
+            else:
+                items += [*_lines(piece, several), _size(piece, pattern.size, k, len(patterns))]
         own = {"series": pattern.size, "colour": _colour(hue)}
         layers.append(Layer(pattern.size, hue, tuple(replace(item, **own) for item in items)))
-    return Nest(tuple(layers), sheet.width, sheet.height, tuple(patterns))
+    names = () if align == "none" else tuple(_stack_name(stack, several) for stack in sheet.pieces)
+    return Nest(tuple(layers), sheet.width, sheet.height, tuple(patterns), names)
 
 
 def anchor(piece: CutPiece, align: Align) -> Float[ndarray, "2"]:
@@ -136,14 +151,25 @@ def _colour(hue: int) -> str:
 
 def _lines(piece: CutPiece, several: bool) -> list[Item]:
     """What is drawn of a piece but its texts."""
-    name = f"{piece.name} {piece.side}" if several else piece.name
-    return [item for item in drawn(piece, name) if isinstance(item, Stroke) and item.role != "leader"]
+    return [item for item in drawn(piece, _named(piece, several)) if isinstance(item, Stroke) and item.role != "leader"]
 
 
-def _size(piece: CutPiece, name: str, k: int, count: int, align: Align) -> Words:
-    """A size's name: on its piece, or where others lie on it inside its upper edge, each at another place of that."""
-    if align == "none":
-        return Words(name, piece.label.at, 5.0)
+def _named(piece: CutPiece, several: bool) -> str:
+    return f"{piece.name} {piece.side}" if several else piece.name
+
+
+def _stack_name(stack: _Placed, several: bool) -> Words:
+    """The name of pieces that lie on one another, in a corner that they leave free."""
+    name, (low, high) = _named(stack.pieces[0][1], several), stack.bounds
+    cloth = shapely.union_all([Polygon(piece.cut_outline(0.5)) for _, piece in stack.pieces])
+    half = np.array((text_width(name, NAME, bold=True), NAME)) / 2
+    corners = ((low[0], high[1]), (high[0], high[1]), low, (high[0], low[1]))
+    words = [Words(name, np.clip(corner, low + half, high - half), NAME, bold=True, layer=INFO) for corner in corners]
+    return min(words, key=lambda own: cloth.intersection(Polygon(own.corners).buffer(1.0)).area)
+
+
+def _size(piece: CutPiece, name: str, k: int, count: int) -> Words:
+    """A size's name inside the upper edge of its piece, each at another place of that."""
     upper = piece.sew[-1].curve
     at, along = upper.at(upper.length * (0.1 + 0.8 * (k + 0.5) / count))
     inward = np.array((-along[1], along[0]))

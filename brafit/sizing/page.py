@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from brafit.atomic import write_text
-from brafit.report.html import asset, link, page, short, text
+from brafit.report.html import asset, fixed, link, page, text
 from brafit.report.table import write_table
 from brafit.sizing.service import NEAR, Choice, Sizes, Step
 
@@ -95,7 +95,7 @@ def write_page(
             f"<h2>Sizes</h2>{_table(sizes)}"
             f"<h2>How many sizes</h2>{_picture('served.svg', 'error by number of sizes')}"
             f"<p>{text(catalogue)}</p>{_table([curve_row(step) for step in found.steps])}"
-            f"<h2>Finished dimensions</h2>{_table(graded)}"
+            f"<h2>Finished dimensions</h2>{_table(graded, 1)}"
             f'<h2>Patterns</h2><p>{links}</p><p><img class="pieces" src="patterns.svg" alt="the nest"></p>'
             f"<script>{asset('table.js')}</script>",
             wide=True,
@@ -107,16 +107,18 @@ def _picture(file: str, words: str) -> str:
     return f'<p><img src="{link(file)}" alt="{text(words)}" style="max-width:100%"></p>'
 
 
-def _table(rows: Sequence[Row]) -> str:
+def _table(rows: Sequence[Row], places: int = 2) -> str:
     keys = list(rows[0])
-    head = "".join(f"<th>{text(key.replace('_', ' '))}</th>" for key in keys)
-    body = "".join(f"<tr>{''.join(_cell(row.get(key)) for key in keys)}</tr>" for row in rows)
+    classes = [' class="number"' * isinstance(rows[0].get(key), float | int) for key in keys]
+    head = "".join(f"<th{own}>{text(key.replace('_', ' '))}</th>" for key, own in zip(keys, classes, strict=True))
+    body = "".join(f"<tr>{''.join(_cell(row.get(key), places) for key in keys)}</tr>" for row in rows)
     return (
         f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
     )
 
 
-def _cell(value: Any) -> str:
+def _cell(value: Any, places: int) -> str:
     if isinstance(value, float | int):
-        return f'<td class="number" data-value="{value!r}">{text(short(float(value)))}</td>'
+        shown = fixed(float(value), 0 if isinstance(value, int) else places)
+        return f'<td class="number" data-value="{value!r}">{text(shown)}</td>'
     return f"<td>{text(value)}</td>"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -85,6 +86,17 @@ def fit_folders(results: Iterable[str | Path]) -> list[Path]:
             )
         found |= dict.fromkeys(folder.resolve() for folder in own)
     return list(found)
+
+
+def fit_names(folders: Sequence[Path]) -> list[str]:
+    """What to call fits: by their own folders and, where several of these are called alike, by those above as well."""
+    names, depth = [folder.name for folder in folders], 1
+    while len(set(names)) < len(names) and depth < max(len(folder.parts) for folder in folders):
+        depth += 1
+        alike = {name for name, count in Counter(names).items() if count > 1}
+        longer = ("/".join(folder.parts[-depth:]) for folder in folders)
+        names = [more if name in alike else name for name, more in zip(names, longer, strict=True)]
+    return names
 
 
 def stored_fit(folder: Path) -> StoredFit | None:
@@ -243,13 +255,14 @@ def _not_again(fit: StoredFit, cause: str) -> InputError:
     return InputError(fit.folder / "fit.json", f"its cup cannot be made again ({cause})", _AGAIN)
 
 
-def pattern_of(fit: StoredFit, name: str, pair: bool = False) -> Pattern:
+def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "") -> Pattern:
     """The finished pattern of a fit, drawn for the left breast, by the settings that it was made with.
 
     Args:
         fit: the fit.
-        name: of the size, on labels and in file names.
+        name: of the pattern, on labels and in files.
         pair: whether the mirrored pieces, for the other breast, are drawn as well.
+        size: that it is called on labels, if it is one.
 
     Raises:
         InputError: the settings that the fit was made with do not make its cup.
@@ -259,5 +272,5 @@ def pattern_of(fit: StoredFit, name: str, pair: bool = False) -> Pattern:
     panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
     apex = fit.marks["apex"] if "apex" in fit.marks else deepest_point(shape)
     pieces = pieces_from_panels(panels, "left", marks_on(shape, apex, fit.marks.get("strap_point")))
-    options = replace(options_of(fit), size=name, pair=pair)
+    options = replace(options_of(fit), size=size, pair=pair)
     return finish(pieces, options, name=name, side="left", date="", figures=dict(fit.figures))

@@ -89,7 +89,7 @@ def test_patterns_and_files(fitted: Result, tmp_path: Path) -> None:
     notches = {
         name: [(n["edge"], n["from_inner_end"]) for n in each] for name, each in fit["pattern"]["notches_mm"].items()
     }
-    ridge = [[place for edge, place in each if edge == "ridge"] for each in notches.values()]
+    ridge = [[place for edge, place in each if edge == "seam"] for each in notches.values()]
     assert ridge[0] == ridge[1]
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from brafit import __version__
 from brafit.cli.fit import main
 from brafit.samples import sample_paths
 
@@ -307,7 +308,11 @@ def test_nothing_can_run(tmp_path: Path, arguments: list[str], words: str, brafi
 
 
 def test_help_and_settings_are_shown(tmp_path: Path, brafit: Callable[..., Done]) -> None:
-    for argument, words in (("--help", "Exit status"), ("--cfg=job", "panels: 2")):
+    for argument, words in (
+        ("--help", "Exit status"),
+        ("--version", f"brafit {__version__}\n"),
+        ("--cfg=job", "panels: 2"),
+    ):
         done = brafit(argument)
         assert done.returncode == 0, done.stderr
         assert words in done.stdout

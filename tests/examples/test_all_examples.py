@@ -79,7 +79,7 @@ def test_from_a_scan_to_its_pattern(told, tmp_path):
     printed = told("scan_to_pattern.py", SAMPLE, tmp_path, *FEW)
     wire = np.array(json.loads(SAMPLE.with_suffix(".json").read_text())["wire"])
     assert abs(number(r"lower panel: wire ([\d.]+) mm", printed) - polyline_length(wire)) < 0.5
-    below, above = re.findall(r"ridge ([\d.]+) mm", printed)
+    below, above = re.findall(r"seam ([\d.]+) mm", printed)
     assert below == above
     fit = json.loads((tmp_path / "fit.json").read_text())
     assert number(r"RMS ([\d.]+) mm", printed) == round(fit["rms_mm"], 2)

@@ -11,8 +11,10 @@ from scipy.interpolate import CubicHermiteSpline
 from surfaces import LENSES, stations
 
 from brafit.cup import CupShape
-from brafit.fitting.measure import figures_of, seam_to_apex, wire_places
+from brafit.fitting.measure import Bend, figures_of, seam_to_apex, wire_places
 from brafit.geometry.developable import geodesic_curvature, normals, rulings
+from brafit.pattern.caption import INNER
+from brafit.pattern.piece import pieces_from_panels
 
 
 def figures(shape: CupShape, distances=None, neckline=None, wire=None, smoothing: float = 0.0) -> dict[str, float]:
@@ -139,3 +141,20 @@ def test_the_nearest_ridge_to_the_bust_point():
     # not given: the upper edge's middle, which is farthest from the chest
     assert seam_to_apex(shape, None) == pytest.approx(2 * RADIUS * math.sin(math.radians(15)), rel=1e-5)
     assert math.isnan(seam_to_apex(lune_cup(1), at(45, RADIUS)))
+
+
+@pytest.mark.parametrize(
+    ("bend", "edge", "panel"),
+    [
+        (Bend(1, 0, 4, 8.24, 48.4), "seam 1", "the lower panel"),
+        (Bend(2, 2, 5, 8.24, 48.4), "seam 2", "panel 3"),
+        (Bend(1, 1, 3, 8.24, 48.4), "the seam", "the upper panel"),
+        (Bend(0, 0, 3, 8.24, 48.4), "the wire edge", "the lower panel"),
+        (Bend(2, 1, 3, 8.24, 48.4), "the upper edge", "the upper panel"),
+    ],
+)
+def test_a_bend_is_named_as_the_pieces_are(bend, edge, panel):
+    piece = pieces_from_panels(lune_flat(bend.edges - 1))[bend.panel]
+    assert panel.removeprefix("the ") == piece.name
+    assert any(own.name in edge for own in piece.edges)
+    assert str(bend) == f"{edge} bends with a radius of 8.2 mm, 48 mm from {INNER}, on {panel}"

@@ -122,7 +122,7 @@ def walked(widths: tuple[float, float, float]) -> Pattern:
 
 def test_matching_notches_are_at_the_same_distance_and_double_towards_the_outer_end():
     pattern = lunes(3, apex=APEX + np.array((0, 12.0, 0)))
-    assert set(pattern.seams) == {"wire", "ridge 1", "ridge 2", "upper edge"}
+    assert set(pattern.seams) == {"wire", "seam 1", "seam 2", "upper edge"}
     for below, above in zip(pattern.pieces[:-1], pattern.pieces[1:], strict=True):
         name = below.sew[1].name
         sides = [[n for n in piece.notches if n.edge == name] for piece in (below, above)]
@@ -174,7 +174,7 @@ def test_landmarks_are_marked_where_they_lie():
     angle = np.arctan2(12.0, RADIUS + np.hypot(3, 3)) + np.pi / 2
     for piece in (lower, upper):
         (match,) = (n for n in piece.notches if n.name in ("match point", "bust point"))
-        assert (match.edge, len(match.ticks)) == ("ridge", 1)
+        assert (match.edge, len(match.ticks)) == ("seam", 1)
         assert match.distance == pytest.approx(RADIUS * angle, abs=0.05)
     (strap,) = (n for n in upper.notches if n.name == "strap point")
     assert strap.distance == pytest.approx(HALF, abs=0.05)
@@ -186,7 +186,7 @@ def test_notches_keep_clear_of_landmarks():
     angle = 2 * np.pi / 3 - 0.02
     apex = RADIUS * np.array([np.sin(angle) / np.sqrt(2), 1 - np.cos(angle), np.sin(angle) / np.sqrt(2)])
     for piece in lunes(apex=apex).pieces:
-        places = sorted(n.distance for n in piece.notches if n.edge == "ridge")
+        places = sorted(n.distance for n in piece.notches if n.edge == "seam")
         assert np.diff(places).min() > 12, "five times as far apart as the cuts of a double notch"
         assert places[-1] > seam * 2 / 3
 
@@ -219,7 +219,7 @@ def test_ease_stretches_pieces_but_not_allowances():
         assert b.area / a.area == pytest.approx(0.92 * 1.05, abs=1e-5)
         assert "ease width -8 %, height +5 %" in b.label.lines
         assert "no ease" in a.label.lines
-        assert past_the_end(b, "ridge", outer=False) == pytest.approx(6.0, abs=0.02)
+        assert past_the_end(b, "seam", outer=False) == pytest.approx(6.0, abs=0.02)
         for m, n in zip(a.notches, b.notches, strict=True):
             np.testing.assert_allclose(n.foot, m.foot * (0.92, 1.05), atol=1e-9)
 
@@ -262,11 +262,11 @@ def test_seams_match_in_cloth_that_stretches_alike_both_ways_and_are_told_otherw
     for along, across, unequal in ((20.0, 20.0, False), (20.0, 0.0, True)):
         options = PatternOptions(cloth=cloth(along, across))
         found = finish(pieces, options, name="x", side="left")
-        sides = [line.length for piece in found.pieces for line in piece.sew if line.name == "ridge"]
+        sides = [line.length for piece in found.pieces for line in piece.sew if line.name == "seam"]
         assert (abs(sides[0] - sides[1]) > 0.5) == unequal
         assert found.reshaped
         assert found.seam_difference == pytest.approx(abs(sides[0] - sides[1]))
-        told = [str(one) for one in found.warnings if one.code == "seam_sides_differ" and one.about == "seam 'ridge'"]
+        told = [str(one) for one in found.warnings if one.code == "seam_sides_differ" and one.about == "seam"]
         assert len(told) == unequal
         if unequal:
             assert f"with this stretch its sides are {abs(sides[0] - sides[1]):.1f} mm" in told[0]
@@ -324,7 +324,7 @@ def test_the_other_side_keeps_the_name_of_a_scan_that_holds_a_side():
 
 def test_labels_say_what_a_cutter_needs():
     pattern = lunes(size="75B", pair=True, quantity=2, allowance=allowance(8, 6, 6))
-    about = ("size 75B", "cut 2", "allowance wire 8.0 mm, ridge 6.0 mm", "no ease", "2001-02-03")
+    about = ("size 75B", "cut 2", "allowance wire 8.0 mm, seam 6.0 mm", "no ease", "2001-02-03")
     assert pattern.pieces[0].label.lines == ("lower panel", "piece 1 of 2", "lune", "left cup", *about)
     mirrored = pattern.drawn[1][0].label.lines
     assert mirrored == ("lower panel", "piece 1 of 2", "lune", "right cup", *about), "both sides cut as often"
@@ -379,7 +379,7 @@ def test_bust_point_is_named_where_it_lies_and_no_seam_notch_is_called_so():
     (holed,) = (piece for piece in made.pieces if piece.holes)
     captions = {caption.words: caption for caption in holed.captions}
     assert np.linalg.norm(captions["bust point"].at - holed.holes[0].point) < 20
-    assert all({"match point"} == {n.name for n in p.notches if n.edge == "ridge" and n.name} for p in made.pieces)
+    assert all({"match point"} == {n.name for n in p.notches if n.edge == "seam" and n.name} for p in made.pieces)
     on_seam = lunes(apex=APEX)
     assert not any(piece.holes for piece in on_seam.pieces)
     assert all("bust point" in {notch.name for notch in piece.notches} for piece in on_seam.pieces)
@@ -492,7 +492,7 @@ def test_seams_that_ease_makes_unequal_are_told():
         pieces_from_panels([lune_flat(2)[0], a_bent_panel()]),
         PatternOptions(ease={"width": -20.0, "height": 0.0}), name="x", side="left",
     )  # fmt: skip
-    sides = [line.length for piece in shifted.pieces for line in piece.sew if line.name == "ridge"]
+    sides = [line.length for piece in shifted.pieces for line in piece.sew if line.name == "seam"]
     assert abs(sides[0] - sides[1]) > 1
     (words,) = (str(one) for one in shifted.warnings if one.code == "seam_sides_differ")
     assert f"{abs(sides[0] - sides[1]):.1f} mm" in words
@@ -515,7 +515,7 @@ def test_seam_sides_of_different_length_are_told_on_both_pieces():
     longer = FlatPanel(b.lower * 1.01, b.upper * 1.01)
     pattern = finish(pieces_from_panels([a, longer]), PatternOptions(), name="x", side="left")
     (told,) = pattern.warnings
-    assert (told.code, told.about) == ("seam_sides_differ", "seam 'ridge'")
+    assert (told.code, told.about) == ("seam_sides_differ", "seam")
     assert "2.5" in told.text
     assert all(piece.warnings == (told,) for piece in pattern.pieces)
     quiet = finish(pieces_from_panels([a, longer]), PatternOptions(seam_tolerance=3.0), name="x", side="left")

@@ -1,12 +1,20 @@
 """How a sheet looks to an independent reader: boxes of texts and marks."""
 
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
 import pytest
 from check_pages import sheet_figures
 from patterns import pattern, small
+from shapely import LineString, Point, Polygon
 
-from brafit.pattern import write_svg
-from brafit.pattern.drawing import Words
-from brafit.pattern.pages import paper_pages
+from brafit.pattern import Pattern, write_svg
+from brafit.pattern.drawing import RED, Words
+from brafit.pattern.finish import warnings_of
+from brafit.pattern.label import text_width
+from brafit.pattern.lettering import LEAST, shortened, wrapped
+from brafit.pattern.pages import MARGIN, paper_pages
 from brafit.pattern.sheet import sheet_page
 
 
@@ -43,8 +51,8 @@ def test_what_overlaps_is_found(tmp_path):
 def test_cover_and_sheet_say_which_sides_and_what_size_are_drawn(options, words):
     made = pattern(size="75B", **options)
     for page in (paper_pages([made], "lune")[0], sheet_page([made], "lune")):
-        info = {item.text for item in page.items if isinstance(item, Words) and item.layer == "info"}
-        assert {words, "size 75B"} <= info
+        info = " ".join(item.text for item in page.items if isinstance(item, Words) and item.layer == "info")
+        assert f"size 75B {words}" in info
 
 
 @pytest.mark.parametrize(
@@ -54,3 +62,61 @@ def test_cover_and_sheet_say_which_sides_and_what_size_are_drawn(options, words)
 def test_cover_says_that_dimensions_are_as_cut(ease, words):
     cover = paper_pages([pattern(ease={"width": ease, "height": 0.0})], "lune")[0]
     assert words in {item.text for item in cover.items if isinstance(item, Words)}
+
+
+@cache
+def warned() -> Pattern:
+    """A narrow cup, each piece of it with a warning of many words."""
+    return small(3, 0.45, material_width=30.0)
+
+
+@pytest.mark.parametrize("name", ["lune", "a name of many words " * 20, "x" * 300])
+def test_what_is_told_about_the_pieces_can_be_read_on_paper(name):
+    """Warnings are wrapped to lines of the legend's letters, and go on on another page where one is full."""
+    narrow = warned()
+    several = [replace(narrow, name=f"{name} {k}", size=f"{k}") for k in range(6)]
+    pages = [sheet_page([narrow], name), *paper_pages([narrow], name)]
+    first = len(pages)
+    pages += paper_pages(several, name)
+    for page in pages:
+        told = [item for item in page.items if isinstance(item, Words) and item.layer == "info"]
+        assert min((item.size for item in told), default=LEAST) >= LEAST
+        corners = np.concatenate([item.corners for item in told])
+        assert corners.min() >= 0
+        assert (corners <= (page.width, page.height)).all()
+        warnings = [item.corners for item in told if item.colour == RED]
+        assert all(box[:, 1].min() > MARGIN for box in warnings), "above the page's number"
+    for patterns, own in (([narrow], pages[:1]), (several, pages[first:])):
+        texts = [item for page in own for item in page.items if isinstance(item, Words)]
+        printed = "".join(item.text for item in texts if item.layer == "info" and item.colour == RED)
+        wanted = "".join(f"WARNING: {words}" for words in warnings_of(patterns))
+        assert "".join(printed.split()) == "".join(wanted.split())
+
+
+def test_a_sentence_is_wrapped_and_a_name_is_shortened_in_its_middle():
+    words = "one of many words, " * 9
+    lines = wrapped(words, 3.4, 90.0, bold=True)
+    assert " ".join(lines) == words.strip()
+    assert all(text_width(line, 3.4, bold=True) <= 90 for line in lines)
+    name = shortened("a" * 99 + "z", 3.0, 60.0)
+    assert (name[0], name[-1], name.count("…")) == ("a", "z", 1)
+    assert 50 < text_width(name, 3.0) <= 60
+    assert shortened("anna", 3.0, 60.0) == "anna"
+
+
+@pytest.mark.parametrize(("panels", "options"), [(2, {}), (3, {"pair": True}), (4, {"scale": 0.4})])
+def test_both_pieces_of_a_seam_bear_its_name_beside_it(panels, options):
+    """So a middle panel, whose two edges look alike, is not sewn in upside down."""
+    made = (small if "scale" in options else pattern)(panels, **options)
+    for piece in (piece for column in made.drawn for piece in column):
+        seams = {line.name: line for line in piece.sew if line.kind == "ridge"}
+        named = {caption.words: caption for caption in piece.captions if caption.words in seams}
+        assert set(named) == set(seams)
+        cut = Polygon(piece.cut_outline())
+        for name, caption in named.items():
+            away = {
+                key: LineString(line.curve.polyline(0.05)).distance(Point(caption.at)) for key, line in seams.items()
+            }
+            assert min(away, key=lambda key: away[key]) == name
+            assert away[name] < 6
+            assert cut.contains(Polygon(caption.corners))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from lunes import lune_flat
 
+from brafit.cup.names import panel_names
 from brafit.pattern.piece import pieces_from_panels
 from brafit.report.band import SHOWN, band_svg, magnification
 
@@ -25,6 +26,11 @@ def test_every_piece_has_two_bands_and_an_outline(panels):
     fills = [path.get("fill") for path in drawing.iter(f"{SVG}path")]
     assert len(fills) == 3 * panels
     assert fills.count("none") == panels
+    words = [text.text or "" for text in drawing.iter(f"{SVG}text")]
+    assert [line for line in words if "panel" in line] == panel_names(panels)
+    assert words[-1] == "a standard deviation of 0.2 mm"
+    (key,) = drawing.iter(f"{SVG}rect")
+    assert float(key.get("height", "")) == pytest.approx(2 * 0.2 * magnification(even(panels, 0.3)))
 
 
 def test_bands_are_as_wide_as_the_magnified_deviation():

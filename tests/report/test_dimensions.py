@@ -50,7 +50,7 @@ def test_deviation_is_that_of_the_alternatives(panels):
 def test_dimensions_have_the_order_and_units_of_the_pieces():
     pattern = finish(pieces_from_panels(lune_flat(2)), PatternOptions(), name="x", side="left")
     table = dimensions(cup(2), pattern, APEX, STRAP, {("cup", "apex to inner end"): 0.5})
-    assert [d.name for d in table[:5]] == ["wire", "ridge", "width", "height", "area"]
+    assert [d.name for d in table[:5]] == ["wire", "seam", "width", "height", "area"]
     assert [d.part for d in table if d.name == "area"] == ["lower panel", "upper panel"]
     assert {d.unit for d in table if d.name.startswith("area")} == {"cm2"}
     assert {d.unit for d in table if not d.name.startswith("area")} == {"mm"}

@@ -10,7 +10,7 @@ from paper_figures import cup_figure, flat_figure
 from PIL import Image
 
 from brafit.pattern import Pattern, PatternOptions, finish, pieces_from_panels
-from brafit.report.colour import distance_colours, distance_limit
+from brafit.report.colour import STEPS, distance_colours, distance_limit
 from brafit.report.figures import save_figure
 from brafit.report.pictures import fit_picture, pattern_picture, thumbnail
 
@@ -84,7 +84,7 @@ def test_dots_have_the_colours_of_their_distances():
 
 def test_a_point_behind_the_cup_is_hidden():
     points = np.array([(40.0, 80.0, 200.0), (40.0, 80.0, -200.0)])
-    image = pixels(fit_picture(points, np.array([0.1, -0.1]), lune_cup(2), ""))
+    image = pixels(fit_picture(points, np.array([3.0, -3.0]), lune_cup(2), ""))
     front = image[60:430, 480:900]
     assert (front[..., 0] - front[..., 2] > 70).sum() > 9
     assert (front[..., 2] - front[..., 0] > 70).sum() == 0
@@ -103,20 +103,25 @@ def test_saved_figures_are_whole(tmp_path, suffix):
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_colours_run_from_blue_over_grey_to_red_and_stop_at_the_ends():
-    colours = distance_colours(np.array([-9.0, -2.0, 0.0, 2.0, 9.0, np.nan]), 2.0).astype(int)
-    assert (colours[0] == colours[1]).all()
-    assert (colours[3] == colours[4]).all()
-    assert colours[1][2] > colours[1][0]
-    assert colours[3][0] > colours[3][2]
-    assert np.ptp(colours[2]) < 10
-    assert (colours[5] == 0).all()
+def test_colours_are_the_same_steps_for_every_scan():
+    """Grey where cup and point are as good as one, blue inside, red outside, darker at every step."""
+    beyond = np.array([0.0, *(step * factor for step in STEPS for factor in (0.99, 1.01))])
+    for way, most, least in ((1.0, 0, 2), (-1.0, 2, 0)):
+        colours = distance_colours(way * beyond).astype(int)
+        alone = np.concatenate([distance_colours(np.array([way * one])) for one in beyond])
+        assert (colours == alone).all(), "whatever else is in the picture"
+        assert len({tuple(colour) for colour in colours.tolist()}) == len(STEPS) + 1
+        assert (colours[2::2] != colours[1::2]).any(axis=1).all()
+        assert (np.diff(colours[::2].sum(1)) < 0).all(), "darker"
+        assert (colours[2:, most] > colours[2:, least]).all()
+        assert np.ptp(colours[0]) < 10
+    assert (distance_colours(np.array([np.nan])) == 0).all()
 
 
 @pytest.mark.parametrize(
     ("values", "limit"), [([0.0], 1.0), ([], 1.0), ([2.9, -1.0], 3.0), ([0.02] * 9, 0.02), ([7.0], 8.0)]
 )
-def test_colour_scale_ends_at_a_round_number(values, limit):
+def test_axis_ends_at_a_round_number(values, limit):
     assert distance_limit(np.array(values, float)) == pytest.approx(limit)
 
 

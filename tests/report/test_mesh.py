@@ -59,7 +59,7 @@ def test_cup_and_points_in_open3d(tmp_path):
 
 def test_points_in_trimesh(tmp_path):
     points = np.random.default_rng(0).normal(size=(3, 3)) * 1000
-    write_points_ply(tmp_path / "points.ply", points, np.array([-5.0, 0.0, 5.0]), limit=5.0)
+    write_points_ply(tmp_path / "points.ply", points, np.array([-5.0, 0.0, 5.0]))
     cloud = trimesh.load(tmp_path / "points.ply")
     np.testing.assert_array_equal(cloud.vertices, points)
     red, _, blue = cloud.colors[:, :3].T.astype(int)

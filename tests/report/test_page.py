@@ -185,6 +185,19 @@ def test_index_fits_a_window_of_1200_and_shows_all_figures_on_a_tick(tmp_path):
     assert dom(tmp_path / "index.html", f"({every}.click(), {shown})", tmp_path) == str(len(MEANINGS))
 
 
+def test_decimals_of_a_column_align_and_columns_are_explained_without_tooltips(tmp_path):
+    values = (0.0004, 0.8612, 10.62, 204.5)
+    rows = [{"scan": f"{k}", "status": "ok"} | dict.fromkeys(MEANINGS, value) for k, value in enumerate(values)]
+    write_index(tmp_path / "index.html", rows, [()] * len(rows))
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert re.findall(r'data-value="0.8612">([^<]*)<', text)[:2] == ["1", "0.86"]
+    assert re.findall(r'data-value="0.0004">([^<]*)<', text)[1] == "&lt; 0.01"
+    told = dict(re.findall(r"<dt[^>]*>([^<]*)</dt><dd[^>]*>([^<]*)</dd>", text))
+    assert list(told) == re.findall(r'<th class="number[^>]*>([^<]*)<', text)
+    assert told["outlines ±"].startswith("standard deviation of the sewing lines")
+    assert "number of its scans" in told["seconds a scan"]
+
+
 def test_report_tells_what_was_found_out_about_the_scan(tmp_path):
     result().save(tmp_path, {"notes": ["unit found: cm & converted"]})
     assert "unit found: cm &amp; converted" in (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -16,7 +16,7 @@ import brafit
 from brafit.cli import nest, sizes
 from brafit.report.dimensions import PANELS_AREA
 from brafit.samples import sample_paths
-from brafit.sizing.stored import pattern_of, shape_of, stored_fit
+from brafit.sizing.stored import fit_names, pattern_of, shape_of, stored_fit
 
 KINDS = [(60.0, 0.8), (60.0, 1.2), (75.0, 1.0)]
 
@@ -99,7 +99,7 @@ def test_what_cannot_be_used_is_said_in_a_line_and_the_rest_goes_on(population, 
     assert len(lines) == 3
     assert all(f"/{name}/fit.json: " in line for name, line in zip((names[0], names[1], names[3]), lines, strict=True))
     assert "no wire" in lines[1]
-    assert "1 scans whose fit failed" in said.out
+    assert "1 scan whose fit failed" in said.out
     assert len(table(tmp_path / "out" / "members.csv")) == 11
     assert run(nest, results, "--out", tmp_path / "nest") == 1
     said = capsys.readouterr()
@@ -129,16 +129,42 @@ def test_cups_of_other_thickness_are_refused(population, tmp_path: Path, capsys)
     assert run(sizes, *(results / name for name in names[3:5]), "--sizes", 2, "--out", tmp_path / "out") == 0
 
 
+def test_cups_of_other_thickness_are_not_nested_but_lie_side_by_side(population, tmp_path: Path, capsys):
+    results = tmp_path / "results"
+    shutil.copytree(population[0], results)
+    for_cloth(min(results.iterdir()), thickness=5.0)
+    assert run(nest, results, "--out", tmp_path / "out") == 2
+    assert "like 1 of 15, and 14 are for 0 mm" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "patterns.svg").exists()
+    assert run(nest, results, "--out", tmp_path / "out", "--align", "none") == 0
+    said = capsys.readouterr().err
+    assert "different cloth or ease" in said
+    assert "cloth 5.0 mm thick, no ease: 1)" in said
+    assert "cloth 5.0 mm thick" in (tmp_path / "out" / "patterns.svg").read_text(encoding="utf-8")
+
+
+def test_scans_of_one_name_are_told_apart_by_their_folders(population, tmp_path: Path):
+    for run_of in ("before", "after"):
+        shutil.copytree(population[0] / "cup_0_0", tmp_path / "runs" / run_of / "anna")
+    shutil.copytree(population[0] / "cup_1_0", tmp_path / "runs" / "after" / "berta")
+    assert run(nest, *(tmp_path / "runs").iterdir(), "--out", tmp_path / "out") == 0
+    told = (tmp_path / "out" / "patterns.svg").read_text(encoding="utf-8")
+    assert all(f">{name}<" in told for name in ("before/anna", "after/anna", "berta"))
+    layers = {layer.dxf.name for layer in readfile(tmp_path / "out" / "patterns.dxf").layers}
+    assert {"S_BEFORE_ANNA", "S_AFTER_ANNA", "S_BERTA"} <= layers
+    assert fit_names([Path("/a/x/s"), Path("/b/x/s"), Path("/b/y/s")]) == ["a/x/s", "b/x/s", "y/s"]
+
+
 def test_pieces_for_other_stretch_are_told(population, tmp_path: Path, capsys):
     results = tmp_path / "results"
     shutil.copytree(population[0], results)
     assert run(sizes, results, "--sizes", 3, "--out", tmp_path / "out") == 0
-    assert "different stretch or ease" not in capsys.readouterr().out
+    assert "different cloth or ease" not in capsys.readouterr().out
     for_cloth(min(results.iterdir()), stretch=20.0)
     assert run(sizes, results, "--sizes", 3, "--out", tmp_path / "out") == 0
-    (told,) = (line for line in capsys.readouterr().out.splitlines() if "different stretch or ease" in line)
+    (told,) = (line for line in capsys.readouterr().out.splitlines() if "different cloth or ease" in line)
     assert "stretch 20 % along grain: 16.7 % less, no ease: 1)" in told
-    assert "different stretch or ease" in (tmp_path / "out" / "index.html").read_text()
+    assert "different cloth or ease" in (tmp_path / "out" / "index.html").read_text()
 
 
 def test_finished_dimensions_say_whether_they_are_as_cut_or_as_worn(tmp_path: Path):
@@ -147,7 +173,7 @@ def test_finished_dimensions_say_whether_they_are_as_cut_or_as_worn(tmp_path: Pa
         *made_cup(60.0, 1.0),
         pattern={
             "dimensions": [
-                ["lower panel", "ridge", 200.0, "mm", None],
+                ["lower panel", "seam", 200.0, "mm", None],
                 ["cup", "depth of the cup", 50.0, "mm", None],
                 ["cup", PANELS_AREA, 200.0, "cm2", None],
                 ["over the surface", "wire line", 200.0, "mm", None],

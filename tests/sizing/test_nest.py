@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import svgelements
+from ezdxf.entities.text import Text
 from ezdxf.filemanagement import readfile
 from patterns import pattern, program
+from shapely import Polygon
 
 from brafit.pattern import Pattern
 from brafit.pattern.drawing import LAYERS, Stroke, Words
@@ -86,8 +88,6 @@ def test_everything_lies_on_the_sheet(align: Align):
 
 
 def test_side_by_side_no_pieces_meet():
-    from shapely import Polygon
-
     nest = nested(three(), "none")
     cuts = [strokes[0].paths[0] for layer in nest.layers for strokes in strokes_of(layer).values()]
     shapes = [Polygon(np.concatenate([curve.polyline(0.1) for curve in curves])) for curves in cuts]
@@ -163,7 +163,7 @@ def test_pdf_has_a_layer_for_each_kind_of_line_of_each_size(tmp_path: Path):
 
 
 def test_legend_and_sizes_keep_clear_of_each_other_and_of_the_pieces():
-    from shapely import Polygon, box
+    from shapely import box
 
     page = nest_page(nested(three()), "title", "note")
     own = [item for item in page.items if item.layer == "info"]
@@ -176,6 +176,27 @@ def test_legend_and_sizes_keep_clear_of_each_other_and_of_the_pieces():
     below = [one for one in words if one.bounds[1] < low]
     assert len(below) > 10
     assert all(one.bounds[3] < low for one in below)
+
+
+@pytest.mark.parametrize("align", ALIGNS)
+def test_pieces_of_a_nest_have_their_names(align: Align, tmp_path: Path):
+    """Beside them, clear of all of them; where they lie side by side each has all of its own texts."""
+    sizes = three()
+    nest = nested(sizes, align)
+    named = [piece.name for piece in sizes[0].pieces]
+    cloth = [Polygon(np.concatenate([curve.polyline(0.1) for curve in strokes[0].paths[0]]))
+             for layer in nest.layers for strokes in strokes_of(layer).values()]  # fmt: skip
+    (tmp_path / "nest.dxf").write_bytes(nest_dxf(nest))
+    read = [text for text in readfile(tmp_path / "nest.dxf").modelspace() if isinstance(text, Text)]
+    if align == "none":
+        for layer, one in zip(nest.layers, sizes, strict=True):
+            words = {item.text for item in layer.items if isinstance(item, Words)}
+            assert {text for piece in one.pieces for text in piece.label.all_lines} <= words
+            assert {text for piece in one.pieces for text in piece.label.all_lines} <= {text.dxf.text for text in read}
+    else:
+        assert [words.text for words in nest.names] == named
+        assert not any(Polygon(words.corners).intersects(piece) for words in nest.names for piece in cloth)
+        assert [text.dxf.text for text in read if text.dxf.layer == "NAMES"] == named
 
 
 def test_legend_tells_the_cloth_of_each_pattern_where_they_differ():
