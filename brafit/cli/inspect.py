@@ -158,9 +158,9 @@ def _origins(scan: Scan) -> dict[str, str]:
     wire = scan.origin.wire
     if scan.origin.wire_guessed is not None:
         wire += f", {100 * scan.origin.wire_guessed:.0f} % guessed"
-    ends = scan.origin.marks if scan.origin.wire in ("given", "proposed") else scan.origin.wire
+    ends = scan.origin.marks if scan.origin.wire in ("given", "mirrored", "proposed") else scan.origin.wire
     return {
-        "wire": wire if scan.origin.marks != "mirrored" else "mirrored",
+        "wire": wire,
         "neckline": scan.origin.neckline if scan.origin.marks == "given" else scan.origin.marks,
         "inner_end": ends,
         "outer_end": ends,

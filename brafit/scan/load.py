@@ -28,6 +28,7 @@ from brafit.scan.framed import Framed, framed
 from brafit.scan.marked import Marked, origin_of, with_marks
 from brafit.scan.notes import notes_on
 from brafit.scan.region import Gathered, Gathering
+from brafit.scan.wiring import Wiring
 from brafit.surface.cleaning import Cleaned, Cleaning, check_settings, finish
 from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.gaps import Gaps, gaps
@@ -98,7 +99,7 @@ class Origin:
 
     Attributes:
         marks: `given`, `mirrored` (from the other side) or `proposed`.
-        wire: `given`, `proposed`, `detected` (the crease) or `size NAME`.
+        wire: `given`, `mirrored`, `proposed`, `detected` (the crease) or `size NAME`.
         wire_guessed: share of the wire's length that no crease in the scan shows; None for a given wire.
         neckline: `given`, `proposed`, `built` (from ends and strap point) or `none`.
         wire_turned: the wire was given from its outer end.
@@ -240,15 +241,18 @@ def load_sides(
         marked = with_marks(raw, marks, prepared.units, prepared.propose)
     except InputError as error:
         return [error] * len(sides)
+    wiring = Wiring(marked, prepared.wire)
     gathering = Gathering(marked, prepared.outliers, prepared.neighbours, prepared.symmetry)
-    return [_loaded(name or file.stem, side, gathering, prepared) for side in sides]
+    return [_loaded(name or file.stem, side, wiring, gathering, prepared) for side in sides]
 
 
-def _loaded(name: str, side: str | None, gathering: Gathering, prepared: Preparation) -> Scan | InputError:
+def _loaded(
+    name: str, side: str | None, wiring: Wiring, gathering: Gathering, prepared: Preparation
+) -> Scan | InputError:
     """A side of a marked scan, through all stages."""
     marked = gathering.marked
     try:
-        breast = framed(marked, side, prepared.wire)
+        breast = framed(wiring, side)
         gathered = gathering.about(breast)
         bounded = _bounded(marked, breast, gathered)
         cleaned = _cleaned(marked, gathered, bounded, prepared.points)
