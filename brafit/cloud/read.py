@@ -51,7 +51,7 @@ class Cloud:
         points: positions, in the file's unit and frame; finite.
         normals: unit normals, or None where the file has none.
         inside: True for points between wire and upper line, or None where the file has no property `inside`.
-        faces: faces of the mesh that the points were sampled on; 0 for a cloud.
+        vertices, faces: how many vertices and triangles the mesh has that the points were sampled on; 0 for a cloud.
         dropped: points that were left out because their coordinates are NaN, infinite or absurdly large.
         unit: of the points, one of `brafit.landmarks.units.MILLIMETRES`, or None where the file does not state it.
     """
@@ -63,6 +63,7 @@ class Cloud:
     faces: int = 0
     dropped: int = 0
     unit: str | None = None
+    vertices: int = 0
 
 
 def read_cloud(
@@ -104,6 +105,7 @@ def read_cloud(
         faces=int(columns["faces"][0]) if "faces" in columns else 0,
         dropped=int((~finite).sum()),
         unit=str(columns["unit"][0]) if "unit" in columns else None,
+        vertices=int(columns["vertices"][0]) if "vertices" in columns else 0,
     )
 
 

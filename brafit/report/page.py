@@ -27,6 +27,8 @@ from brafit.report.paper import PaperPanel
 
 DOTS = 6000
 """Points of a cloud that the 3D view shows at most."""
+EXACT = "Wire, neckline, marks, and the surface that is assumed where the scan has no points, are taken as exact"
+"""What the standard deviations do not know of."""
 _STRIPS, _FOLDS = 6, 9
 
 
@@ -175,7 +177,7 @@ def _certainty(pieces: Sequence[Piece], deviation: Deviation) -> str:
         "<details open><summary>How certain the outlines are</summary>"
         "<p>How far another scan of this breast would move the sewing lines: the band is one standard deviation to "
         f"either side, at most {largest:.2f} mm, drawn {magnification(deviation)} times wider. "
-        "Wire, neckline and marks are taken as exact.</p>"
+        f"{EXACT}.</p>"
         f"{band_svg(pieces, deviation)}</details>"
     )
 
@@ -192,7 +194,7 @@ def _dimension_table(dimensions: Sequence[Dimension], pattern: Pattern) -> str:
         cells = f'<td>{text(d.name)}{cut}</td><td class="number">{value}</td><td class="number soft">{doubt}</td>'
         lines.append(f"<tr><th>{text(first)}</th>{cells}</tr>")
     known = any(d.sd is not None for d in dimensions)
-    words = "±: one standard deviation, if the breast were scanned again; wire, neckline and marks are taken as exact."
+    words = f"±: one standard deviation, if the breast were scanned again. {EXACT}."
     note = f'<p class="soft">{words}</p>' if known else ""
     return f"<table>{''.join(lines)}</table>{note}"
 

@@ -259,7 +259,9 @@ def _loaded(
         found = _gaps(marked.cloud.path, cleaned, bounded)
     except InputError as error:
         return error
-    notes = notes_on(marked, breast, gathered, bounded.origin, cleaned.steps, chosen=side is not None)
+    bridged = found if prepared.bridge else None
+    assumed = 0.0 if bridged is None else bridged.share
+    notes = notes_on(marked, breast, gathered, bounded.origin, cleaned.steps, assumed, chosen=side is not None)
     return _scan(name, marked, breast, gathered, bounded, cleaned, found, prepared.bridge, notes)
 
 

@@ -15,12 +15,21 @@ from brafit.scan.wiring import size_laid
 from brafit.surface.cleaning import Cleaning
 from brafit.underwires.nearest import chosen_wire
 
+GAP = 0.01
+"""Share of a cup without points that is said."""
 NOISY = 1.0
 """Scatter (mm) of the cleaned points that is said."""
 
 
 def notes_on(
-    marked: Marked, breast: Framed, gathered: Gathered, upper_line: str, steps: Cleaning, *, chosen: bool
+    marked: Marked,
+    breast: Framed,
+    gathered: Gathered,
+    upper_line: str,
+    steps: Cleaning,
+    assumed: float,
+    *,
+    chosen: bool,
 ) -> tuple[Remark, ...]:
     """The notes on a scan, each about the cloud's file.
 
@@ -30,6 +39,7 @@ def notes_on(
         gathered: the points about it.
         upper_line: where that is from: `given`, `proposed`, `built` or `none`.
         steps: what the cleaning took.
+        assumed: share of the surface between wire and upper line that is assumed.
         chosen: whether the side was named.
     """
     found = [
@@ -38,6 +48,7 @@ def notes_on(
         *_on_upper_line(upper_line, marked.cloud.inside is not None),
         *_on_size(breast),
         *_on_noise(steps.scatter_mm),
+        *_on_gaps(assumed),
         *_on_marks(breast),
     ]
     another = len(marked.breasts) > 1 or (breast.marks_origin == "proposed" and marked.whole.has_middle)
@@ -78,6 +89,12 @@ def _on_size(breast: Framed) -> Iterator[Remark]:
 def _on_noise(scatter: float | None) -> Iterator[Remark]:
     if scatter is not None and scatter > NOISY:
         yield Remark("noisy", f"its points scatter by {scatter:.1f} mm about their surface: edges are less certain")
+
+
+def _on_gaps(assumed: float) -> Iterator[Remark]:
+    if assumed >= GAP:
+        words = f"a surface is assumed on {100 * assumed:.0f} % of the cup, where the scan has no points"
+        yield Remark("assumed_surface", f"{words}: standard deviations (±) take it as exact")
 
 
 def _on_marks(breast: Framed) -> Iterator[Remark]:
