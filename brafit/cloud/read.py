@@ -38,6 +38,15 @@ _MAGIC = {
     b"PK\x03\x04": ".npz",
 }
 """How files of some formats begin."""
+_PACKED = {
+    b"\x1f\x8b": "gzip",
+    b"BZh": "bzip2",
+    b"\xfd7zXZ\0": "xz",
+    b"7z\xbc\xaf": "7z",
+    b"Rar!": "rar",
+    b"(\xb5/\xfd": "zstd",
+}
+"""How packed files begin."""
 _PERMISSIONS = "Check the file and its permissions"
 _COMPLETE = "Export the cloud again, and check that the copy is complete"
 
@@ -163,12 +172,19 @@ def _columns(path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points
 
 
 def _check_extension(path: Path) -> None:
-    """Refuse a file whose content is of another format than its name says."""
+    """Refuse a file that is packed, or whose content is of another format than its name says."""
     with path.open("rb") as file:
         head = file.read(16)
+    packed = next((kind for magic, kind in _PACKED.items() if head.startswith(magic)), None)
+    if packed is not None:
+        raise InputError(path, f"is packed ({packed})", "Unpack it first")
     found = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), None)
     named = path.suffix.lower()
     if found is not None and found != named:
+        if found == ".npz":  # an archive of any kind
+            raise InputError(
+                path, f"is named {named}, but is a zip archive", f"Unpack it; NumPy's own is {path.stem}.npz"
+            )
         raise InputError(path, f"is named {named}, but its content is {found}", f"Rename it to {path.stem}{found}")
 
 

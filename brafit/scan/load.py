@@ -36,6 +36,8 @@ from brafit.surface.normals import surface_of
 from brafit.surface.thickness import fills_a_volume
 from brafit.underwires.sizes import wire_size
 
+MOSTLY = 0.98
+"""Share of a mesh's points elsewhere from which on that is told as the cause: of a whole body, a breast is 2 %."""
 GAPS_MOST = 0.6
 """Share of the surface between wire and upper line without data from which on a scan is refused."""
 FRONT = np.array([0.0, 0.0, 1.0])
@@ -316,13 +318,22 @@ def _cleaned(marked: Marked, gathered: Gathered, bounded: Bounded, points: int |
     )
     kept = len(cleaned.points)
     if kept < min(MIN_POINTS, points or MIN_POINTS):
-        cause = f"only {kept} distinct points are left of {cleaned.steps.read} after cleaning and cropping"
-        remedy = "Check wire and upper line; raise scan.outliers (null keeps all points), or scan more densely"
-        raise InputError(marked.cloud.path, cause, remedy)
+        raise _too_few(marked.cloud, cleaned.steps)
     if fills_a_volume(cleaned.dense):
         remedy = "Export the surface that was scanned; noise throughout a volume, or the inside of a body, has no shape"
         raise InputError(marked.cloud.path, "its points lie on no surface: they fill a volume", remedy)
     return replace(cleaned, points=cleaned.points[along_curve(cleaned.points)])
+
+
+def _too_few(cloud: Cloud, steps: Cleaning) -> InputError:
+    """The error of a breast of which hardly a point is left."""
+    left, read = f"only {steps.used} distinct points are left", f"{steps.read:,}"
+    if cloud.faces and steps.elsewhere > MOSTLY * steps.read:
+        cause = f"{left} of {read} sampled on its mesh by area: {steps.elsewhere:,} of them are far from the breast"
+        remedy = "Cut off what is no body, such as floor and walls, or raise scan.mesh_points"
+        return InputError(cloud.path, cause, remedy)
+    remedy = "Check wire and upper line; raise scan.outliers (null keeps all points), or scan more densely"
+    return InputError(cloud.path, f"{left} of {read} after cleaning and cropping", remedy)
 
 
 def _gaps(path: Path, cleaned: Cleaned, bounded: Bounded) -> Gaps | None:
