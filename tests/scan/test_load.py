@@ -328,7 +328,7 @@ def test_a_mesh_that_is_mostly_floor_is_called_that(tmp_path):
     path = write_breast(tmp_path).with_suffix(".off")
     points = cup_frame_points(1500)
     breast = trimesh.Trimesh(points, Delaunay(points[:, 1:] + points[:, :1] * [0, 0.3]).simplices, process=False)
-    floor = trimesh.creation.box([4_000.0, 10.0, 4_000.0]).apply_translation([0, -1500.0, 0])
+    floor = trimesh.creation.box([7_000.0, 10.0, 7_000.0]).apply_translation([0, -1500.0, 0])
     trimesh.util.concatenate([breast, floor]).export(path)
     line = message(path)
     assert "sampled on its mesh by area: " in line
