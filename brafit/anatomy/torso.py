@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from brafit.anatomy.apex import BREAST_OUT, COARSE, DENSE, LEVELS, about, apex_on, mound, nudged
+from brafit.anatomy.apex import COARSE, DENSE, LEVELS, about, apex_on, mound, nudged
 from brafit.anatomy.body import (
     SHOULDER_BACK,
     SHOULDER_OUT,
@@ -53,6 +53,9 @@ STRAP_UP = 1.002
 RISES, RISE_SPREAD, RISEN = 0.003, 6.0, 18.0
 """What a millimetre of an apex's height counts in telling front from back, against concavity: breasts rise by 14 mm and
 more, shoulder blades by 13 at most. An apex so much (mm) lower than the highest is no breast's."""
+FAR_OUT = 145.0
+"""An apex farther from the mirror plane (mm) counts less by what it is farther: breasts' are at 70 to 131, and where an
+arm hangs beside the back, the edge between the two rises like a breast."""
 NECK = 0.0006
 """What a millimetre of neck counts in telling up from down, against concavity."""
 BODY_SIZE = 1100.0
@@ -207,10 +210,10 @@ def _best(points: np.ndarray) -> Body:
 
 
 def _rise(body: Body, side: str, apex: np.ndarray, surface: Surface) -> float:
-    """How high (mm) an apex lies over what is about it, less by how much it is beside the trunk. More than RISEN says
-    no more: the edge of a scan may look so.
+    """How high (mm) an apex lies over what is about it, less by what it is beyond FAR_OUT. More than RISEN says no
+    more: the edge of a scan may look so.
     """
-    return min(mound(surface, apex), RISEN) - max(float(body.away(apex[None], side)[0]) - BREAST_OUT[1], 0.0)
+    return min(mound(surface, apex), RISEN) - max(float(body.away(apex[None], side)[0]) - FAR_OUT, 0.0)
 
 
 def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
