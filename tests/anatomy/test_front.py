@@ -14,6 +14,7 @@ from brafit.simulation.scanner import Scanner, simulate
 from brafit.surface.normals import Surface
 
 KIND = "whole, arms hanging"
+FRONT = np.array([0.0, 0.0, 1.0])
 
 
 def test_a_mound_counts_less_the_farther_it_is_beside_the_trunk() -> None:
@@ -25,7 +26,7 @@ def test_a_mound_counts_less_the_farther_it_is_beside_the_trunk() -> None:
 
     def counted(out: float) -> float:
         place = np.array([out, 0.0, 0.0])
-        return _rise(body, "left", place + [0, 0, 70.0], Surface(place + 70 * sphere, sphere, 2.0))
+        return _rise(body, "left", place + 50 * FRONT, Surface(place + 50 * sphere, sphere, 2.0))
 
     assert counted(100.0) == counted(FAR_OUT) == RISEN
     assert counted(FAR_OUT + 9) == pytest.approx(RISEN - 9)
