@@ -58,26 +58,29 @@ class Body:
 
 
 def body_from_marks(
-    ends: Float[np.ndarray, "2 3"], below: Float[np.ndarray, "3"], front: Float[np.ndarray, "3"], side: str
+    ends: Float[np.ndarray, "2 3"], below: Float[np.ndarray, "3"], apex: Float[np.ndarray, "3"], side: str
 ) -> Body:
-    """Axes from a breast's own marks, where there is no whole torso: the wire's ends, a direction that leads down from
-    the middle between them, and one that leads out of the chest.
+    """Axes from a breast's own marks, where there is no whole torso. Nothing there says where the body's middle is: the
+    mirror plane's offset is nan.
 
     The cup's mean axes (`BREAST_AXES`) are turned back into the body's.
 
     Args:
         ends: inner and outer end of the wire.
-        below: a direction downwards from the middle between them.
-        front: a direction out of the chest.
+        below: a direction downwards in the wire's plane.
+        apex: the bust point.
         side: the wearer's `left` or `right`.
     """
     y = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    # The apex lies before the chest, but also below the middle between the ends: only what is across counts.
+    front = apex - ends.mean(axis=0)
+    front = front - (front @ below) / (below @ below) * below
     z = front - (front @ y) * y
     z /= np.linalg.norm(z)
     x = below - (below @ y) * y - (below @ z) * z
     x /= np.linalg.norm(x)
     outwards, up, forward = BREAST_FRAME.T @ np.stack([x, y, z])
-    return Body(outwards if side == "left" else -outwards, up, forward, 0.0)
+    return Body(outwards if side == "left" else -outwards, up, forward, np.nan)
 
 
 def candidates(points: np.ndarray) -> list[Body]:

@@ -87,25 +87,42 @@ def confidences(body: Body, found: Sequence[Breast]) -> list[Confidence]:
     return [one if one in faulty or not faulty else only for one, only in zip(both, alone, strict=True)]
 
 
-def are_alike(points: Float[np.ndarray, "n 3"], mirror: Mirror, body: Body, breast: Breast) -> bool:
+def are_alike(
+    points: Float[np.ndarray, "n 3"],
+    mirror: Mirror,
+    body: Body,
+    side: str,
+    apex: Float[np.ndarray, "3"],
+    wire: Float[np.ndarray, "k 3"],
+) -> bool:
     """Whether both breasts of a body are mirror images of each other, within ALIKE.
 
     Args:
         points: of the whole scan, mm.
         mirror: its plane of symmetry.
         body: axes of the torso.
-        breast: one of the two, which says where to look.
+        side: of the breast that says where to look, the wearer's `left` or `right`.
+        apex: its bust point.
+        wire: its wire line.
     """
     if mirror.rms > SYMMETRIC:
         return False
-    axes, wire = body.breast_axes(breast.side), breast.wire.wire
+    axes = body.breast_axes(side)
 
     def before(places: np.ndarray) -> np.ndarray:
         """In the breast's frame, whose z leads out of the chest."""
-        return (places - breast.apex) @ axes.T
+        return (places - apex) @ axes.T
 
-    return (
-        breasts_apart(before(points), before(mirror(points)), before(wire.mean(axis=0)), polyline_length(wire)) < ALIKE
+    middle, length = before(wire.mean(axis=0)), polyline_length(wire)
+    return breasts_apart(before(points), before(mirror(points)), middle, length) < ALIKE
+
+
+def mean_wire(wires: Sequence[Wire]) -> Wire:
+    """The mean of wires that were found on the same breast, with as many points each."""
+    return Wire(
+        np.mean([one.wire for one in wires], axis=0),
+        float(np.mean([one.guessed for one in wires])),
+        float(np.mean([one.hollow for one in wires])),
     )
 
 
@@ -162,12 +179,7 @@ def _mean(side: str, found: Sequence[Breast]) -> Breast:
     def mean(values: Sequence[np.ndarray]) -> np.ndarray:
         return np.mean(values, axis=0)
 
-    wires = [breast.wire for breast in found]
-    wire = Wire(
-        mean([one.wire for one in wires]),
-        float(np.mean([one.guessed for one in wires])),
-        float(np.mean([one.hollow for one in wires])),
-    )
+    wire = mean_wire([breast.wire for breast in found])
     apex, strap = mean([breast.apex for breast in found]), mean([breast.strap for breast in found])
     return Breast(side, apex, wire, strap, found[0].upper_line, found[0].surface)
 

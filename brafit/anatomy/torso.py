@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from brafit.anatomy.apex import BREAST_OUT, COARSE, DENSE, LEVELS, about, apex_on, mound, nudged
+from brafit.anatomy.apex import COARSE, DENSE, LEVELS, about, apex_on, mound, nudged
 from brafit.anatomy.body import (
     SHOULDER_BACK,
     SHOULDER_OUT,
@@ -24,7 +24,7 @@ from brafit.anatomy.body import (
 )
 from brafit.anatomy.confidence import Confidence, evidence, refusal
 from brafit.anatomy.pair import Breast, are_alike, confidences, one_pair, trunk_of
-from brafit.anatomy.wire_detection import Wire, concavity, laid, plainness, trace
+from brafit.anatomy.wire_detection import Wire, concavity, plainness, trace
 from brafit.errors import InputError
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
 from brafit.surface.cleaning import averaged, inliers
@@ -35,6 +35,8 @@ from brafit.surface.symmetry import Mirror, mirror_of
 
 OF_WIRES = ("wire", "guessed", "inner_out", "inner_usual", "outer_usual")
 """Evidence that is of a wire's shape alone."""
+OF_MIDDLE = ("apex_out", "inner_out")
+"""Evidence that needs the body's middle."""
 WHOLE = 60_000
 """Points of a body that are used, at most."""
 GLANCE = 3
@@ -51,6 +53,9 @@ STRAP_UP = 1.002
 RISES, RISE_SPREAD, RISEN = 0.003, 6.0, 18.0
 """What a millimetre of an apex's height counts in telling front from back, against concavity: breasts rise by 14 mm and
 more, shoulder blades by 13 at most. An apex so much (mm) lower than the highest is no breast's."""
+FAR_OUT = 145.0
+"""An apex farther from the mirror plane (mm) counts less by what it is farther: breasts' are at 70 to 131, and where an
+arm hangs beside the back, the edge between the two rises like a breast."""
 NECK = 0.0006
 """What a millimetre of neck counts in telling up from down, against concavity."""
 BODY_SIZE = 1100.0
@@ -107,42 +112,54 @@ def proposals(path: Path, points: Float[np.ndarray, "n 3"], mirror: Mirror | Non
     sound = [breast for breast, one in zip(found, trusted, strict=True) if not one.faults]
     if sound:
         mirror = mirror or mirror_of(points)
-        if are_alike(points, mirror, body, sound[0]):
+        first = sound[0]
+        if are_alike(points, mirror, body, first.side, first.apex, first.wire.wire):
             found, trusted = one_pair(mirror, body, found, trusted)
-            first = _marks(path, found[0], body)
-            both = [first, first.mapped(mirror, side=found[1].side)]
+            one = _marks(path, found[0], body)
+            both = [one, one.mapped(mirror, side=found[1].side)]
             return [Proposal(*pair) for pair in zip(both, trusted, strict=True)]
     marks = [_marks(path, breast, body) for breast in found]
     return [Proposal(*pair) for pair in zip(marks, trusted, strict=True)]
 
 
-def judged(points: Float[np.ndarray, "n 3"], marks: Landmarks, mirror: Mirror, *, looked_at: bool) -> Confidence | None:
+def judged(
+    points: Float[np.ndarray, "n 3"], marks: Landmarks, mirror: Mirror | None, *, looked_at: bool
+) -> Confidence | None:
     """How far marks can be trusted that were not made on this breast, or that nobody looked at; None for marks without
     wire and apex.
 
     Args:
         points: of the scan, mm.
         marks: of one breast.
-        mirror: the body's plane of symmetry.
+        mirror: the body's plane of symmetry; None: the scan does not show the body's middle, and nothing is judged by
+            it.
         looked_at: somebody made them on the other breast, so that the wire itself is not in doubt.
     """
     apex, wire = marks.points.get("apex"), marks.wire
     if apex is None or wire is None:
         return None
-    left = mirror.normal * (1.0 if marks.side == "left" else -1.0)
-    outwards = apex @ mirror.normal - mirror.offset
-    left = left * (1.0 if outwards >= 0 else -1.0)
-    middle = (wire[0] + wire[-1]) / 2
-    rough = body_from_marks(wire[[0, -1]], wire.mean(axis=0) - middle, apex - middle, marks.side)
+    body = _body_about(points, marks.side, apex, wire, mirror, looked_at)
+    found = evidence(about(points, apex, body.front, DENSE), body, marks.side, apex, wire)
+    unasked = (OF_WIRES if looked_at else ()) + (() if np.isfinite(body.offset) else OF_MIDDLE)
+    return Confidence(marks.side, {key: value for key, value in found.items() if key not in unasked})
+
+
+def _body_about(
+    points: np.ndarray, side: str, apex: np.ndarray, wire: np.ndarray, mirror: Mirror | None, looked_at: bool
+) -> Body:
+    """Axes of the body by a breast's marks and, where the scan shows it, by the plane between left and right."""
+    rough = body_from_marks(wire[[0, -1]], wire.mean(axis=0) - (wire[0] + wire[-1]) / 2, apex, side)
+    if mirror is None or abs(float(mirror.normal @ rough.left)) < ALIKE:  # not a plane between left and right
+        return rough
+    left = mirror.normal * (1.0 if side == "left" else -1.0)
+    left = left * (1.0 if apex @ mirror.normal >= mirror.offset else -1.0)
     front = rough.front - (rough.front @ left) * left
     front /= np.linalg.norm(front)
     body = Body(left, np.cross(front, left), front, mirror.offset * float(left @ mirror.normal))
-    if not looked_at and float(np.linalg.norm(np.ptp(points, axis=0))) >= TORSO_SIZE:
-        whole = body_of(points)  # a wire that is in doubt itself is a poor guide to what is up
-        body = whole if min(whole.left @ body.left, whole.front @ body.front) > ALIKE else body
-    surface = about(points, apex, body.front, DENSE)
-    found = evidence(surface, body, marks.side, apex, wire)
-    return Confidence(marks.side, {key: value for key, value in found.items() if not (looked_at and key in OF_WIRES)})
+    if looked_at:
+        return body
+    whole = body_of(points)  # a wire that is in doubt itself is a poor guide to what is up
+    return whole if min(whole.left @ body.left, whole.front @ body.front) > ALIKE else body
 
 
 def _marks(path: Path, breast: Breast, body: Body) -> Landmarks:
@@ -193,10 +210,10 @@ def _best(points: np.ndarray) -> Body:
 
 
 def _rise(body: Body, side: str, apex: np.ndarray, surface: Surface) -> float:
-    """How high (mm) an apex lies over what is about it, less by how much it is beside the trunk. More than RISEN says
-    no more: the edge of a scan may look so.
+    """How high (mm) an apex lies over what is about it, less by what it is beyond FAR_OUT. More than RISEN says no
+    more: the edge of a scan may look so.
     """
-    return min(mound(surface, apex), RISEN) - max(float(body.away(apex[None], side)[0]) - BREAST_OUT[1], 0.0)
+    return min(mound(surface, apex), RISEN) - max(float(body.away(apex[None], side)[0]) - FAR_OUT, 0.0)
 
 
 def _wire_above(surface: Surface, apex: np.ndarray, body: Body) -> float:
@@ -270,29 +287,6 @@ def wire_about(
         ends: inner and outer end where they are marked; the wire keeps them.
     """
     return _wire(about(points, apex, body.front, DENSE), apex, body, side, ends)
-
-
-def wire_laid(
-    points: Float[np.ndarray, "n 3"],
-    body: Body,
-    side: str,
-    apex: Float[np.ndarray, "3"],
-    arc: Float[np.ndarray, "k 2"],
-    ends: Float[np.ndarray, "2 3"] | None = None,
-) -> Wire:
-    """A rigid planar wire (depth below its chord, place along it) laid best under this apex (scan's frame, mm).
-
-    Args:
-        points: of the torso or the breast.
-        body: axes of the torso.
-        side: the wearer's `left` or `right`.
-        apex: the bust point.
-        arc: the wire in its plane, inner end first.
-        ends: inner and outer end where they are marked; the wire is laid near them.
-    """
-    surface, axes = about(points, apex, body.front, DENSE), body.breast_axes(side)
-    found = laid(_in_breast_frame(surface, apex, body, side), arc, None if ends is None else (ends - apex) @ axes.T)
-    return Wire(found.wire @ axes + apex, found.guessed, found.hollow)
 
 
 def apex_of(points: Float[np.ndarray, "n 3"], body: Body, side: str) -> Float[np.ndarray, "3"]:

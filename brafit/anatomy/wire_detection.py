@@ -189,16 +189,14 @@ def _plainness(strength: np.ndarray) -> float:
     return float(np.clip(strength, 0, DEEPEST).mean())
 
 
-def laid(surface: Surface, arc: Float[np.ndarray, "k 2"], ends: Float[np.ndarray, "2 3"] | None = None) -> Wire:
-    """A rigid planar wire laid on the crease that `trace` finds, as near to it as a rigid motion brings it: first place
-    by place from end to end, then by iterated nearest points.
+def laid(found: Wire, arc: Float[np.ndarray, "k 2"]) -> Wire:
+    """A rigid planar wire laid on a crease that was found, as near to it as a rigid motion brings it: first place by
+    place from end to end, then by iterated nearest points.
 
     Args:
-        surface: the points about the apex, in the breast frame.
+        found: the wire line in the crease, in any frame.
         arc: the wire: depth below its chord and place along it, mm.
-        ends: inner and outer end of the crease, where they are known.
     """
-    found = trace(surface, ends)
     crease, flat = evenly_spaced(found.wire, 500), np.column_stack([arc, np.zeros(len(arc))])
     tree = KDTree(crease)
     placed = laid_on(flat, evenly_spaced(found.wire, len(arc)))

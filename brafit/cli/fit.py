@@ -75,8 +75,8 @@ class Statuses(Callback):
         """Refuse a bad value before the first job runs; jobs' folders are named by what is swept."""
         _note(NOTHING_RAN, config.hydra.sweep.dir)
         arguments = list(config.hydra.overrides.task)
-        swept, fixed = parted(arguments)
         with _refusing():
+            swept, fixed = parted(arguments)
             check_launcher(config)
             search = [f"{key}={value}" for key, value in searched(config.hydra).items()]
             for settings in combinations(swept, fixed):

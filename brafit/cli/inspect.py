@@ -103,7 +103,7 @@ def inspect_scan(
         write_text(landmarks_path(path), marks_file.read_text(encoding="utf-8"))
     for scan in scans:
         save_figure(_figure(scan, cloud), out / f"{name}_{scan.side}.png", dpi=110)
-    found = "; ".join(f"{scan.side}: {', '.join(_facts(scan)[:2])}" for scan in scans)
+    found = "; ".join(f"{scan.side}: {', '.join(_facts(scan, cloud)[:2])}" for scan in scans)
     return f"{name}: {found} -> {out / name}_*.png"
 
 
@@ -158,9 +158,9 @@ def _origins(scan: Scan) -> dict[str, str]:
     wire = scan.origin.wire
     if scan.origin.wire_guessed is not None:
         wire += f", {100 * scan.origin.wire_guessed:.0f} % guessed"
-    ends = scan.origin.marks if scan.origin.wire in ("given", "proposed") else scan.origin.wire
+    ends = scan.origin.marks if scan.origin.wire in ("given", "mirrored", "proposed") else scan.origin.wire
     return {
-        "wire": wire if scan.origin.marks != "mirrored" else "mirrored",
+        "wire": wire,
         "neckline": scan.origin.neckline if scan.origin.marks == "given" else scan.origin.marks,
         "inner_end": ends,
         "outer_end": ends,
@@ -168,7 +168,7 @@ def _origins(scan: Scan) -> dict[str, str]:
     }
 
 
-def _facts(scan: Scan) -> list[str]:
+def _facts(scan: Scan, cloud: Cloud) -> list[str]:
     origin = scan.origin
     guessed = "" if origin.wire_guessed is None else f", {100 * origin.wire_guessed:.0f} % of it guessed"
     length = polyline_length(scan.wire)
@@ -176,19 +176,21 @@ def _facts(scan: Scan) -> list[str]:
         f"landmarks {origin.marks}, wire {origin.wire}{guessed} ({length:.0f} mm), upper line {origin.neckline}",
         f"nearest wire sold {nearest_wire(scan.wire)}",
         f"unit {scan.units.cloud}{f' (found from {scan.units.found})' if scan.units.found else ''}",
-        f"points: {_counts(scan.cleaning)}",
+        f"points: {_counts(scan.cleaning, cloud)}",
         *(["without points: " + f"{100 * scan.gap_share:.0f} % of the cup"] if scan.gap_share else []),
         *_doubts(scan),
         *(str(note) for note in scan.notes if note.code != "guessed_marks"),  # told above, and to be seen
     ]
 
 
-def _counts(steps: Cleaning) -> str:
-    """What became of the points, in words: what took none is left out."""
+def _counts(steps: Cleaning, cloud: Cloud) -> str:
+    """What was read and what became of the points, in words: what took none is left out."""
+    mesh = f"{steps.read:,} sampled on a mesh of {cloud.vertices:,} vertices and {cloud.faces:,} triangles"
+    read = mesh if cloud.faces else f"{steps.read:,} read"
     taken = [f"{count:,} {_TAKEN[key]}" for key, count in asdict(steps).items() if key in _TAKEN and count]
     voxels = f", averaged in voxels of {steps.voxel_mm:.1f} mm" if steps.voxel_mm else ""
     noise = "" if steps.scatter_mm is None else f"; they scatter by {steps.scatter_mm:.2f} mm about their surface"
-    return ", ".join([f"{steps.read:,} read", *taken, f"{steps.used:,} used{voxels}"]) + noise
+    return ", ".join([read, *taken, f"{steps.used:,} used{voxels}"]) + noise
 
 
 def _doubts(scan: Scan) -> list[str]:
@@ -207,7 +209,7 @@ def _figure(scan: Scan, cloud: Cloud):
     marks = {"inner_end": scan.wire[0], "outer_end": scan.wire[-1], **_marks(scan)}
     title = f"{scan.name}, {scan.side} breast"
     clouds = {"rest": body, "cup": scan.dense, "assumed": scan.assumed, "removed": scan.removed}
-    return inspection_figure(clouds, lines, marks, title, "\n".join(_facts(scan)), _origins(scan))
+    return inspection_figure(clouds, lines, marks, title, "\n".join(_facts(scan, cloud)), _origins(scan))
 
 
 if __name__ == "__main__":

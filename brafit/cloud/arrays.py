@@ -25,7 +25,8 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     positions. Case does not count in names.
 
     Raises:
-        ValueError: with a short reason, if there are no such arrays; a `RefusedError` if they are transposed.
+        ValueError: with a short reason, if there are no such arrays; a `RefusedError` if they are transposed, have
+            other names, or hold other things than numbers.
         OSError: the file cannot be read.
     """
     try:
@@ -36,6 +37,10 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     except (ValueError, OSError) as error:
         if "pickle" in str(error):  # NumPy takes whatever it does not know for a pickle
             raise ValueError("it holds no plain array of numbers") from None
+        if "Python objects" in str(error):
+            raise RefusedError(
+                "its array holds Python objects, not numbers", "Save it as an array of numbers"
+            ) from None
         raise
     except MemoryError:
         raise ValueError("it needs more memory than there is") from None
@@ -55,7 +60,8 @@ def _archive(path: Path) -> dict[str, np.ndarray]:
             columns = {"positions": np.stack([_numbers(archive[names[axis]]).ravel() for axis in "xyz"], axis=1)}
         else:
             listed = ", ".join(names.values())[:80] or "nothing"
-            raise ValueError(f"it has no array named {' or '.join(POINT_KEYS)}, only: {listed}")
+            cause = f"it has no array named {' or '.join(POINT_KEYS)}, only: {listed}"
+            raise RefusedError(cause, f"Name the one that holds the points {POINT_KEYS[0]}")
         for name, width in (("normals", 3), ("inside", 1)):
             if name in names and name != key:
                 columns[name] = _numbers(archive[names[name]]).reshape(-1, width)

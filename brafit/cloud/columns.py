@@ -14,6 +14,33 @@ UNITS |= {f"{long}{end}": short for short, long in (("mm", "millimet"), ("cm", "
           for end in ("re", "res", "er", "ers")}  # fmt: skip
 """Names of units that a column's name may hold, and what they are called here."""
 
+OTHER_UNITS = {
+    "um",
+    "µm",
+    "μm",
+    "micron",
+    "microns",
+    "micrometer",
+    "micrometers",
+    "micrometre",
+    "micrometres",
+    "nm",
+    "dm",
+    "km",
+    "ft",
+    "foot",
+    "feet",
+    "yd",
+    "yard",
+    "yards",
+    "mil",
+    "mils",
+    "thou",
+    "px",
+    "pixel",
+    "pixels",
+}
+"""Units that a column's name may hold and that are not read."""
 _WORD = "|".join(sorted(UNITS, key=len, reverse=True))
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[({<]\s*(?P<unit>[^\])}>]*?)\s*[\])}>]")
 _BARE = re.compile(rf"(?P<name>.+?)(?:[\s,]+in)?[\s/_,]+(?P<unit>{_WORD})")
@@ -51,6 +78,9 @@ def columns_of(names: Sequence[str]) -> Columns | None:
     for k, name in enumerate(names):
         plain, unit = _parted(name)
         units.append(unit)
+        if unit in OTHER_UNITS and _axis(plain, _POSITION, ""):
+            cause = f"its column {_shown(name)} is in a unit that is not read"
+            raise RefusedError(cause, f"Export it in one of {', '.join(dict.fromkeys(UNITS.values()))}")
         for group, found in ((positions, _axis(plain, _POSITION, "")), (normals, _axis(plain, _NORMAL, "normal"))):
             if found is None:
                 continue
@@ -80,12 +110,13 @@ def units_row(cells: Sequence[str]) -> list[str] | None:
 
 
 def _parted(name: str) -> tuple[str, str | None]:
-    """A column's name in lower case without its unit, and that unit, if it is one that is known."""
+    """A column's name in lower case without its unit, and that unit, if it is one of UNITS or OTHER_UNITS."""
     plain = " ".join(name.strip(" \t\"'#/%").lower().split())
     match = _BRACKETS.fullmatch(plain) or _BARE.fullmatch(plain)
     if match is None or match["unit"].isdigit():
         return plain, None
-    return match["name"], UNITS.get(match["unit"])
+    unit = match["unit"]
+    return match["name"], UNITS.get(unit, unit if unit in OTHER_UNITS else None)
 
 
 def _axis(plain: str, pattern: re.Pattern[str], kind: str) -> tuple[str, str] | None:

@@ -19,6 +19,14 @@ _MISSING = re.compile(
 )
 _WHOLE = re.compile(r"[+-]?\d+(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _ZERO_FIRST = re.compile(r"[+-]?0\d+(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+_THOUSANDS = re.compile(
+    r"[+-]?\d{1,3}(?:,\d{3})+(?:\.\d*)?|[+-]?\d{1,3}(?:\.\d{3})+(?:,\d*)?"
+    r"|[+-]?\d{1,3}(?:['\u2019_\u00a0\u2009\u202f ]\d{3})+(?:[.,]\d*)?",
+    re.ASCII,
+)
+_WITH_UNIT = re.compile(
+    r"(?:[a-z]\s*[=:]\s*)?[+-]?\d+(?:[.,]\d*)?\s*(?:mm|cm|dm|m|in|inch|ft|\")", re.ASCII | re.IGNORECASE
+)
 _RAGGED = 0.05
 """Share of the lines that differ in width from which on that is how the file is written, and no damage."""
 
@@ -31,6 +39,19 @@ def is_number(cell: str) -> bool:
 def is_numeric(cell: str) -> bool:
     """Whether a cell of a column of numbers may be so: a number, empty, or one of the words for NaN."""
     return is_number(cell) or _MISSING.fullmatch(cell) is not None
+
+
+def check_spelling(cell: str) -> None:
+    """Refuse a cell that is a number to whoever reads it, but is spelt in a way that is not read.
+
+    Raises:
+        RefusedError: it has marks of thousands, or a unit behind it.
+    """
+    if _THOUSANDS.fullmatch(cell) or _NUMBER.fullmatch(cell.replace(".", "").replace(",", "")) is not None:
+        raise RefusedError(f"{cell[:40]!r} has marks of thousands", "Export it without them, with decimal points")
+    if _WITH_UNIT.fullmatch(cell):
+        remedy = "Export numbers only, and write the unit into the columns' names: x [mm], y [mm], z [mm]"
+        raise RefusedError(f"{cell[:40]!r} has its unit behind it", remedy)
 
 
 class Numbers:
@@ -50,10 +71,7 @@ class Numbers:
         if _NUMBER.fullmatch(cell) is None:
             if _MISSING.fullmatch(cell) is not None:
                 return float("nan")
-            if _NUMBER.fullmatch(cell.replace(".", "").replace(",", "")) is not None:
-                raise RefusedError(
-                    f"{cell[:40]!r} has marks of thousands", "Export it without them, with decimal points"
-                )
+            check_spelling(cell)
             raise ValueError(f"{cell[:40]!r} is no number")
         mark = "," if "," in cell else "." if "." in cell else ""
         if mark and self._mark and mark != self._mark:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TextIO
 
 from brafit.cloud.columns import Columns, columns_of, units_row
-from brafit.cloud.dialect import cells_of, check_commas, is_number, is_numeric, names_of, separator
+from brafit.cloud.dialect import cells_of, check_commas, check_spelling, is_number, is_numeric, names_of, separator
 from brafit.cloud.refusal import RefusedError
 
 SAMPLE = 200
@@ -205,13 +205,20 @@ def _in_order(numeric: list[int], rows: Sequence[Sequence[str]], normals: bool) 
     """The columns of a table without names, of which these hold numbers.
 
     Raises:
-        ValueError: they are too few.
+        ValueError: they are too few; a `RefusedError` if one beside them is spelt so that it is not read.
     """
     needed = 6 if normals else 3
     if len(numeric) > needed and _counts(rows, numeric[0]):
         numeric = numeric[1:]
+    # Such a column may be meant for one of those that are taken.
+    last = numeric[needed - 1] if len(numeric) >= needed else len(rows[0])
+    for k in range(last):
+        if k not in numeric and not is_number(rows[0][k]):
+            check_spelling(rows[0][k])
     if len(numeric) < needed:
-        raise ValueError(f"{len(numeric)} columns of numbers, {needed} are needed")
+        others = [cell for cell in rows[0] if cell and not is_number(cell)]
+        shown = f": {others[0][:40]!r} is no number" if others else ""
+        raise ValueError(f"{needed} columns of numbers are needed, it has {len(numeric)}{shown}")
     places = {"positions": tuple(numeric[:3])}
     return Columns({**places, "normals": tuple(numeric[3:6])} if normals else places)
 

@@ -41,7 +41,7 @@ def read_mesh(path: Path, count: int) -> dict[str, np.ndarray]:
         count: points to sample on its faces; a file without faces gives its vertices and what it says of each.
 
     Returns:
-        positions; where there are faces also `faces`, the number of their triangles.
+        positions; where there are faces also `vertices` and `faces`, the numbers of the mesh's vertices and triangles.
 
     Raises:
         RefusedError: the file is whole, but of a kind that is not read.
@@ -58,6 +58,7 @@ def read_mesh(path: Path, count: int) -> dict[str, np.ndarray]:
         raise ValueError(f"{lost.sum()} of {used.sum()} vertices of its faces are NaN, infinite or absurdly large")
     return {
         "positions": sample_faces(mesh.vertices, mesh.triangles, count),
+        "vertices": np.array([len(mesh.vertices)]),
         "faces": np.array([len(mesh.triangles)]),
     }
 

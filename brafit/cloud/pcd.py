@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from brafit.cloud.dialect import Numbers
+from brafit.cloud.refusal import RefusedError
 
 HEADER_BYTES = 100_000
 KINDS = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
@@ -49,7 +50,8 @@ def read_pcd(path: Path) -> dict[str, np.ndarray]:
         raise ValueError("its header names no known kind of DATA")
     found = {name: parts for name, parts in COLUMNS.items() if set(parts) <= set(header.names)}
     if "positions" not in found:
-        raise ValueError("it has no positions x, y, z")
+        cause = f"its fields are {', '.join(header.names)[:80]}, without positions x, y, z"
+        raise RefusedError(cause, "Export it with fields x, y and z")
     needed = list(itertools.chain(*found.values()))
     if doubled := [part for part in needed if header.names.count(part) > 1]:
         raise ValueError(f"its header names the field {doubled[0]} twice")

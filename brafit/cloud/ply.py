@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from brafit.cloud.ply_rows import TYPES, Bytes, Element, Numbers, Property, Table, read_tables
 from brafit.cloud.polygons import Mesh, filled
+from brafit.cloud.refusal import RefusedError
 
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 """PLY's formats, and the order of bytes in each."""
@@ -40,6 +42,7 @@ def read_ply(path: Path) -> Mesh:
     The elements may come in any order, have any other properties, and lists of any lengths.
 
     Raises:
+        RefusedError: the file is whole, but its vertices have no positions x, y, z.
         ValueError: with a short reason, if the header is damaged or what follows is not what it promises.
         OSError: the file cannot be read.
     """
@@ -98,12 +101,24 @@ def _header(lines: list[list[str]]) -> tuple[str, list[Element]]:
     if len(set(names)) < len(names):
         raise ValueError("its header names an element twice")
     vertex = next((element for element in elements if element.name == "vertex"), Element("vertex", 0))
+    _in_lower_case(vertex)
     parts = vertex.names(listed=False)
     if not {"x", "y", "z"} <= set(parts):
-        raise ValueError("it has no positions x, y, z")
+        has = f"only {', '.join(parts)[:80]}" if parts else "it has no vertices at all"
+        raise RefusedError(f"its vertices have no positions x, y, z: {has}", "Export it with properties x, y and z")
     if len(set(parts)) < len(parts):
         raise ValueError("its header names a property twice")
     return FORMATS[form[1]], elements
+
+
+def _in_lower_case(vertex: Element) -> None:
+    """Properties X, Y, Z and the like become x, y, z, where no others are called so."""
+    names = {each.name for each in vertex.properties}
+    wanted = {part for parts in (("x", "y", "z"), *COLUMNS.values()) for part in parts}
+    vertex.properties = [
+        replace(each, name=each.name.lower()) if each.name.lower() in wanted - names else each
+        for each in vertex.properties
+    ]
 
 
 def _property(words: list[str]) -> Property:

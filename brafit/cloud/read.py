@@ -38,6 +38,15 @@ _MAGIC = {
     b"PK\x03\x04": ".npz",
 }
 """How files of some formats begin."""
+_PACKED = {
+    b"\x1f\x8b": "gzip",
+    b"BZh": "bzip2",
+    b"\xfd7zXZ\0": "xz",
+    b"7z\xbc\xaf": "7z",
+    b"Rar!": "rar",
+    b"(\xb5/\xfd": "zstd",
+}
+"""How packed files begin."""
 _PERMISSIONS = "Check the file and its permissions"
 _COMPLETE = "Export the cloud again, and check that the copy is complete"
 
@@ -51,7 +60,7 @@ class Cloud:
         points: positions, in the file's unit and frame; finite.
         normals: unit normals, or None where the file has none.
         inside: True for points between wire and upper line, or None where the file has no property `inside`.
-        faces: faces of the mesh that the points were sampled on; 0 for a cloud.
+        vertices, faces: how many vertices and triangles the mesh has that the points were sampled on; 0 for a cloud.
         dropped: points that were left out because their coordinates are NaN, infinite or absurdly large.
         unit: of the points, one of `brafit.landmarks.units.MILLIMETRES`, or None where the file does not state it.
     """
@@ -63,6 +72,7 @@ class Cloud:
     faces: int = 0
     dropped: int = 0
     unit: str | None = None
+    vertices: int = 0
 
 
 def read_cloud(
@@ -104,6 +114,7 @@ def read_cloud(
         faces=int(columns["faces"][0]) if "faces" in columns else 0,
         dropped=int((~finite).sum()),
         unit=str(columns["unit"][0]) if "unit" in columns else None,
+        vertices=int(columns["vertices"][0]) if "vertices" in columns else 0,
     )
 
 
@@ -161,12 +172,19 @@ def _columns(path: Path, read: Callable[..., dict[str, np.ndarray]], mesh_points
 
 
 def _check_extension(path: Path) -> None:
-    """Refuse a file whose content is of another format than its name says."""
+    """Refuse a file that is packed, or whose content is of another format than its name says."""
     with path.open("rb") as file:
         head = file.read(16)
+    packed = next((kind for magic, kind in _PACKED.items() if head.startswith(magic)), None)
+    if packed is not None:
+        raise InputError(path, f"is packed ({packed})", "Unpack it first")
     found = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), None)
     named = path.suffix.lower()
     if found is not None and found != named:
+        if found == ".npz":  # an archive of any kind
+            raise InputError(
+                path, f"is named {named}, but is a zip archive", f"Unpack it; NumPy's own is {path.stem}.npz"
+            )
         raise InputError(path, f"is named {named}, but its content is {found}", f"Rename it to {path.stem}{found}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ _TEXT = "facet normal ? ? ? outer loop vertex ? ? ? vertex ? ? ? vertex ? ? ? en
 """The words of a triangle in an ASCII STL; ?: a number."""
 _FACET = _TEXT.split()
 _CORNERS = np.array([8, 9, 10, 12, 13, 14, 16, 17, 18])
+_PARTS = re.compile(rb"\s(?=(?:facet|endsolid)(?:\s|\Z))")
+"""Where lines begin in a text that has but one."""
 TAIL = 20
 """Where bytes follow the triangles, the last TAIL of these, or a twentieth of all, must be joined to others."""
 
@@ -73,6 +76,8 @@ def _ascii(data: bytes) -> Float[np.ndarray, "f 3 3"]:
     words = Words(plain_lines(data).lower())
     if not len(words) or words[0] not in ("solid", "facet"):
         raise ValueError("it begins neither as an ASCII STL ('solid') nor as a binary one")
+    if len(words.heads) == 1:  # all in one line
+        words = Words(_PARTS.sub(b"\n", words.text))
     heads = words.heads
     ends = words.are(heads, b"endsolid") | words.are(heads, b"end")
     if not ends[-1]:

@@ -15,6 +15,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from jaxtyping import Float, Int
 
+from brafit.cloud.refusal import RefusedError
+
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _JOINED = b"\x0b"
 """Stands for the end of a line that goes on in the next: white space, and still counted in line numbers."""
@@ -39,6 +41,9 @@ def plain_lines(data: bytes, comment: bytes = b"", joining: bytes = b"") -> byte
     if joining and joining in data:
         data = re.sub(re.escape(joining) + rb"[ \t]*\n", b" " + _JOINED, data)
     return data
+
+
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d*(?:[eE][-+]?\d+)?")
 
 
 class Words:
@@ -95,7 +100,7 @@ class Words:
         """The numbers that some words are; all of them if `which`, which must rise, is None.
 
         Raises:
-            ValueError: a word is no number.
+            ValueError: a word is no number; a `RefusedError` if it is one with a decimal comma.
         """
         which = np.arange(len(self)) if which is None else which
         try:
@@ -134,6 +139,9 @@ class Words:
         text = self[word]
         if _NOT_A_NUMBER.fullmatch(text):
             return np.nan
+        if _DECIMAL_COMMA.fullmatch(text):
+            cause = f"line {self.line(word)}: {text[:40]!r} has a decimal comma, which this format does not know"
+            raise RefusedError(cause, "Export it with decimal points")
         try:
             return float("_" if "_" in text else text)
         except ValueError:

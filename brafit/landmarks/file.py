@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from brafit.cloud.mesh import ABSURD
 from brafit.errors import InputError
 from brafit.landmarks.units import MILLIMETRES
 from brafit.naming import on_disk
@@ -77,8 +78,8 @@ def landmarks_path(cloud: str | Path) -> Path:
     """Where the landmark file of a cloud is, or is expected: beside it, with the same stem (see `on_disk`)."""
     path = Path(cloud).with_suffix(".json")
     found = on_disk(path)
-    upper = path.with_suffix(".JSON")
-    return upper if not found.exists() and upper.exists() else found
+    others = [path.with_suffix(ending) for ending in (".JSON", ".Json")]
+    return found if found.exists() else next((other for other in others if other.exists()), found)
 
 
 def read_landmarks(path: str | Path, side: str | None = None) -> Landmarks:
@@ -88,7 +89,7 @@ def read_landmarks(path: str | Path, side: str | None = None) -> Landmarks:
     are optional, but a misspelt or malformed one is an error. Other fields are allowed and ignored.
 
     Args:
-        path: the file, JSON in UTF-8.
+        path: the file, JSON in UTF-8, UTF-16 or UTF-32.
         side: `left` or `right`; None: the first one, as where the file marks another side only.
 
     Raises:
@@ -171,7 +172,12 @@ def _breast(path: Path, data: dict[str, Any], name: str, units: str | None, pref
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = path.read_bytes()
+        encoding = json.detect_encoding(content)
+        data = json.loads(content.decode(encoding), object_pairs_hook=_once_each)
+    except _TwiceError as error:
+        cause = f"{error.args[0]}: written twice in one place, and it could be read in two ways"
+        raise InputError(path, cause, "Leave one of them out") from None
     except FileNotFoundError:
         raise InputError(path, "there is no such landmark file", f"Write it beside the cloud. {SCHEMA}") from None
     except OSError as error:
@@ -179,11 +185,25 @@ def _json(path: Path) -> dict[str, Any]:
     except json.JSONDecodeError as error:
         where = f"line {error.lineno}, column {error.colno}: {error.msg}"
         raise InputError(path, f"is not valid JSON ({where})", "Correct the file at that place") from None
-    except (UnicodeDecodeError, RecursionError):
+    except UnicodeDecodeError as error:
+        kind = error.encoding.upper().removesuffix("-LE")
+        raise InputError(path, f"is no text in {kind}", "Save it as JSON in UTF-8") from None
+    except RecursionError:
         raise InputError(path, "is not a JSON text file", f"Write the landmarks as JSON. {SCHEMA}") from None
     if not isinstance(data, dict):
         raise InputError(path, f"holds {_kind(data)}, not an object with named fields", SCHEMA)
     return data
+
+
+class _TwiceError(Exception):
+    """A field that stands twice in one object; JSON lets the last one count without a word."""
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    names = [name for name, _ in pairs]
+    if doubled := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        raise _TwiceError(doubled[0])
+    return dict(pairs)
 
 
 def _refuse_misspelt(path: Path, data: dict[str, Any], names: tuple[str, ...], prefix: str) -> None:
@@ -265,6 +285,8 @@ def _triple(path: Path, field: str, value: Any) -> tuple[float, ...]:
             raise InputError(path, f"{field}: {_shown(number)} is not a number", remedy)
         if not abs(number) < math.inf:
             raise InputError(path, f"{field}: {_shown(number)} is not finite", remedy)
+        if abs(number) > ABSURD:
+            raise InputError(path, f"{field}: {_shown(number)} is no place on a body in any unit", remedy)
     return tuple(float(number) for number in value)
 
 

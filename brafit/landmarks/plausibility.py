@@ -8,6 +8,7 @@ breast hides the wire. The bounds here are wide around these.
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,12 @@ MARK_DISTANCE = 50.0
 BREAST_REACH = 0.6
 """Largest median distance of the points from the middle of the wire, over the wire length."""
 
+DISTINCT = 8.0
+"""Two marks nearer to each other (mm) are meant for one place: of 14 breasts, 30 and more apart."""
+TO_AND_FRO = 1.5
+"""A wire so many times as long as the line through the means of its neighbouring points is none: 1.0 of 14 breasts,
+below 1.3 where only four of their points are left."""
+
 COVERED, COVERED_WITH_MARGIN = 1.5, 1.75
 """Largest size of a breast, and of one with its margin, over the length of a wire that is as flat as half of one. Of 14
 breasts 0.9 to 1.1 and 1.0 to 1.3 of the whole wire's length, but 1.8 to 2.3 and 2.1 to 2.6 of a half's."""
@@ -44,11 +51,14 @@ def check_scan(cloud: Cloud, landmarks: Landmarks) -> None:
     """Refuse a scan whose cloud and landmarks (both in millimetres) cannot be what they should be.
 
     Raises:
-        InputError: wire of an impossible length; cloud too small for it; wire or marks away from the cloud; too few
-            points flagged inside; a wire that covers only a part of the breast's line.
+        InputError: two marks in one place; wire of an impossible length, or whose points are not in order; cloud too
+            small for it; wire or marks away from the cloud; too few points flagged inside; a wire that covers only a
+            part of the breast's line.
     """
+    _check_distinct(landmarks)
     if landmarks.wire is not None:
         length = polyline_length(landmarks.wire)
+        _check_order(landmarks.path, landmarks.wire, length)
         _check_wire_length(landmarks.path, length)
         _check_cloud_size(cloud.path, cloud.points, length)
     _check_distances(landmarks, cloud)
@@ -77,6 +87,23 @@ def _check_wire_length(file: Path, length: float) -> None:
         raise OtherUnitError(file, cause, remedy, unit)
     remedy = "Check the unit, and that the points are in order from the inner to the outer end"
     raise InputError(file, cause, remedy)
+
+
+def _check_distinct(landmarks: Landmarks) -> None:
+    for one, other in itertools.combinations(landmarks.points, 2):
+        apart = float(np.linalg.norm(landmarks.points[one] - landmarks.points[other]))
+        if apart < DISTINCT:
+            cause = f"landmarks.{one} and landmarks.{other} are {apart:.1f} mm apart, which are two different places"
+            raise InputError(landmarks.path, cause, "Correct the one that is wrong, or leave it out")
+
+
+def _check_order(file: Path, wire: np.ndarray, length: float) -> None:
+    """Refuse a line whose points jump to and fro."""
+    smooth = np.concatenate([wire[:1], (wire[:-2] + 2 * wire[1:-1] + wire[2:]) / 4, wire[-1:]])
+    plain = polyline_length(smooth)
+    if length > TO_AND_FRO * plain:
+        cause = f"wire: its points run to and fro: {length:.0f} mm from point to point, {plain:.0f} mm as a smooth line"
+        raise InputError(file, cause, "List them in order from the inner to the outer end, and without jumps")
 
 
 def _check_cloud_size(file: Path, points: np.ndarray, length: float) -> None:

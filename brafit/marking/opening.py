@@ -19,6 +19,7 @@ from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
 from brafit.landmarks.units import MILLIMETRES, body_unit, unit_of
 from brafit.scan.framed import framed
 from brafit.scan.marked import Marked, Whole, with_marks
+from brafit.scan.wiring import Wiring
 from brafit.surface.symmetry import Mirror
 
 SIZE_POSSIBLE, SIZE_USUAL = (150.0, 2500.0), (200.0, 450.0)
@@ -89,7 +90,8 @@ def opening_of(raw: Cloud, side: str | None = None, units: str | None = None) ->
 def _marked(marked: Marked, side: str | None, unit_from: str) -> Opening:
     """Where marks are given or proposed."""
     faults = {one.side: one.faults for one in marked.proposed.values() if one.faults}
-    found = [_breast(marked, marks, faults) for marks in marked.breasts]
+    wiring = Wiring(marked, None)
+    found = [_breast(wiring, marks, faults) for marks in marked.breasts]
     return Opening(
         whole=marked.whole,
         unit=marked.units.cloud,
@@ -119,13 +121,13 @@ class _Breast:
     confidence: Confidence | None
 
 
-def _breast(marked: Marked, marks: Landmarks, faults: dict[str, tuple[str, ...]]) -> _Breast:
+def _breast(wiring: Wiring, marks: Landmarks, faults: dict[str, tuple[str, ...]]) -> _Breast:
     """One breast. Why a fit would refuse its marks is added to the faults."""
     try:
-        breast = framed(marked, marks.side, None)
+        breast = framed(wiring, marks.side)
     except InputError as error:
         faults[marks.side] = (f"as the page began: {error.cause}",)
-        return _Breast(marks, "given", False, marked.proposed.get(marks.side))
+        return _Breast(marks, "given", False, wiring.marked.proposed.get(marks.side))
     turned = breast.turned and breast.wire_origin != "detected"
     return _Breast(breast.marks, breast.wire_origin, turned, breast.confidence)
 
@@ -190,9 +192,7 @@ def _axes(marked: Marked, breasts: Sequence[Landmarks]) -> np.ndarray:
         body = _body(marked.whole)
         return _facing(marked.cloud.points) if body is None else np.stack([body.left, body.up, body.front])
     middle = marks.wire[[0, -1]].mean(axis=0)
-    rough = body_from_marks(
-        marks.wire[[0, -1]], marks.wire.mean(axis=0) - middle, marks.points["apex"] - middle, marks.side
-    )
+    rough = body_from_marks(marks.wire[[0, -1]], marks.wire.mean(axis=0) - middle, marks.points["apex"], marks.side)
     left, up = rough.left, rough.up
     mirror = _mirror(marked.whole)
     if mirror is not None:

@@ -27,6 +27,8 @@ from brafit.report.paper import PaperPanel
 
 DOTS = 6000
 """Points of a cloud that the 3D view shows at most."""
+EXACT = "Wire, neckline, marks, and the surface that is assumed where the scan has no points, are taken as exact"
+"""What the standard deviations do not know of."""
 _STRIPS, _FOLDS = 6, 9
 
 
@@ -187,8 +189,8 @@ def _certainty(pieces: Sequence[Piece], deviation: Deviation) -> str:
         "<details open><summary>How certain the outlines are</summary><figure>"
         f"{band_svg(pieces, deviation)}<figcaption>Black: the sewing lines. Orange: how far those of another scan of "
         f"this breast would lie beside them, one standard deviation to either side: {largest:.2f} mm where the band is "
-        f"widest. It is drawn {magnification(deviation)} times wider than it is. Wire, neckline and marks are taken as "
-        "exact.</figcaption></figure></details>"
+        f"widest. It is drawn {magnification(deviation)} times wider than it is. {EXACT}."
+        "</figcaption></figure></details>"
     )
 
 
@@ -204,7 +206,7 @@ def _dimension_table(dimensions: Sequence[Dimension], pattern: Pattern) -> str:
         cells = f'<td>{text(d.name)}{cut}</td><td class="number">{value}</td><td class="number soft">{doubt}</td>'
         lines.append(f"<tr><th>{text(first)}</th>{cells}</tr>")
     known = any(d.sd is not None for d in dimensions)
-    words = "±: one standard deviation, if the breast were scanned again; wire, neckline and marks are taken as exact."
+    words = f"±: one standard deviation, if the breast were scanned again. {EXACT}."
     note = f'<p class="soft">{words}</p>' if known else ""
     return f"<table>{''.join(lines)}</table>{note}"
 

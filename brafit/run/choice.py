@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -65,9 +66,7 @@ def _taken(tried: Mapping[int, CupFit], tolerance: float) -> CupFit:
         words = f"{words}; {panels + 1} {brings}"
     warnings = taken.warnings
     if not kept:
-        remedy = f"raise cup.tolerance ({tolerance:g} mm), or set cup.panels to more"
-        cause = f"no cup of {FEWEST} to {MOST} panels keeps the tolerance, {panels} come closest"
-        warnings = (*warnings, Remark("tolerance_missed", cause, remedy=remedy))
+        warnings = (*warnings, _missed(taken, panels, tried, tolerance))
     return replace(
         taken,
         warnings=warnings,
@@ -80,6 +79,19 @@ def _taken(tried: Mapping[int, CupFit], tolerance: float) -> CupFit:
             "panels": words,
         },
     )
+
+
+def _missed(taken: CupFit, panels: int, tried: Mapping[int, CupFit], tolerance: float) -> Remark:
+    """The warning of a scan whose tolerance no number of panels keeps: what is reached, and what would be kept."""
+    cause = f"no cup of {FEWEST} to {MOST} panels keeps cup.tolerance={tolerance:g}"
+    if not taken.code.is_cup:
+        return Remark("tolerance_missed", f"{cause}: none of them makes a cup")
+    reached = taken.figures["rms_mm"]
+    remedy = f"cup.tolerance={math.ceil(100 * reached) / 100:g} is kept"
+    beyond = [count for count in tried if count > MOST and _keeps(tried[count], tolerance)]
+    if beyond:
+        remedy += f", or set cup.panels={beyond[0]}: {tried[beyond[0]].figures['rms_mm']:.2f} mm"
+    return Remark("tolerance_missed", f"{cause}: {panels} come closest, with {reached:.2f} mm RMS", remedy=remedy)
 
 
 def _rms(fit: CupFit) -> float | None:

@@ -29,7 +29,7 @@ from brafit.geometry.polyline import polyline_length
 from brafit.remarks import Remark
 from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
-from brafit.scan.framed import size_laid
+from brafit.scan.wiring import size_laid
 from brafit.underwires.nearest import chosen_wire
 
 AWAY = 0.1

@@ -10,11 +10,13 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from brafit.atomic import write_text
+from brafit.errors import ConfigError
 from brafit.report.html import asset, figure, fixed, head, page
 from brafit.report.table import SUMMARY_KEYS, write_parquet, write_table
 
@@ -32,8 +34,13 @@ class SweepJob:
 
 
 def parted(arguments: Sequence[str]) -> tuple[dict[str, list[str]], dict[str, str]]:
-    """The swept settings with the values of each, and the others. A sweep over an interval has no list of values."""
+    """The swept settings with the values of each, and the others. A sweep over an interval has no list of values.
+
+    Raises:
+        ConfigError: `glob(...)` of a setting that has no choices.
+    """
     from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.core.override_parser.types import ValueType
 
     swept: dict[str, list[str]] = {}
     fixed: dict[str, str] = {}
@@ -43,11 +50,29 @@ def parted(arguments: Sequence[str]) -> tuple[dict[str, list[str]], dict[str, st
         fixed.pop(key, None)
         if not override.is_sweep_override():
             fixed[key] = override.get_value_element_as_str()
+        elif override.value_type == ValueType.GLOB_CHOICE_SWEEP:
+            swept[key] = _choices(key, override.value())
         elif override.is_discrete_sweep():
             swept[key] = [str(value) for value in override.sweep_string_iterator()]
         else:
             swept[key] = []
     return swept, fixed
+
+
+def _choices(group: str, named: Any) -> list[str]:
+    """The choices of a group that a `glob(...)` names.
+
+    Raises:
+        ConfigError: it is no group, or it has none of these.
+    """
+    folder = resources.files("brafit.conf").joinpath(group)
+    files = [file.name for file in folder.iterdir()] if folder.is_dir() else []
+    names = sorted(file.removesuffix(".yaml") for file in files if file.endswith(".yaml"))
+    found = list(named.filter(names))
+    if not found:
+        allowed = f"; {group} has {', '.join(names)}" if names else f"; name the values: {group}=VALUE,VALUE"
+        raise ConfigError(f"{group}=glob(...): it names choices of groups such as cup, and here none{allowed}")
+    return found
 
 
 def combinations(swept: Mapping[str, Sequence[str]], fixed: Mapping[str, str]) -> Iterable[list[str]]:

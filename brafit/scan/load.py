@@ -28,6 +28,7 @@ from brafit.scan.framed import Framed, framed
 from brafit.scan.marked import Marked, origin_of, with_marks
 from brafit.scan.notes import notes_on
 from brafit.scan.region import Gathered, Gathering
+from brafit.scan.wiring import Wiring
 from brafit.surface.cleaning import Cleaned, Cleaning, check_settings, finish
 from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.gaps import Gaps, gaps
@@ -35,6 +36,8 @@ from brafit.surface.normals import surface_of
 from brafit.surface.thickness import fills_a_volume
 from brafit.underwires.sizes import wire_size
 
+MOSTLY = 0.98
+"""Share of a mesh's points elsewhere from which on that is told as the cause: of a whole body, a breast is 2 %."""
 GAPS_MOST = 0.6
 """Share of the surface between wire and upper line without data from which on a scan is refused."""
 FRONT = np.array([0.0, 0.0, 1.0])
@@ -98,7 +101,7 @@ class Origin:
 
     Attributes:
         marks: `given`, `mirrored` (from the other side) or `proposed`.
-        wire: `given`, `proposed`, `detected` (the crease) or `size NAME`.
+        wire: `given`, `mirrored`, `proposed`, `detected` (the crease) or `size NAME`.
         wire_guessed: share of the wire's length that no crease in the scan shows; None for a given wire.
         neckline: `given`, `proposed`, `built` (from ends and strap point) or `none`.
         wire_turned: the wire was given from its outer end.
@@ -240,22 +243,27 @@ def load_sides(
         marked = with_marks(raw, marks, prepared.units, prepared.propose)
     except InputError as error:
         return [error] * len(sides)
+    wiring = Wiring(marked, prepared.wire)
     gathering = Gathering(marked, prepared.outliers, prepared.neighbours, prepared.symmetry)
-    return [_loaded(name or file.stem, side, gathering, prepared) for side in sides]
+    return [_loaded(name or file.stem, side, wiring, gathering, prepared) for side in sides]
 
 
-def _loaded(name: str, side: str | None, gathering: Gathering, prepared: Preparation) -> Scan | InputError:
+def _loaded(
+    name: str, side: str | None, wiring: Wiring, gathering: Gathering, prepared: Preparation
+) -> Scan | InputError:
     """A side of a marked scan, through all stages."""
     marked = gathering.marked
     try:
-        breast = framed(marked, side, prepared.wire)
+        breast = framed(wiring, side)
         gathered = gathering.about(breast)
         bounded = _bounded(marked, breast, gathered)
         cleaned = _cleaned(marked, gathered, bounded, prepared.points)
         found = _gaps(marked.cloud.path, cleaned, bounded)
     except InputError as error:
         return error
-    notes = notes_on(marked, breast, gathered, bounded.origin, cleaned.steps, chosen=side is not None)
+    bridged = found if prepared.bridge else None
+    assumed = 0.0 if bridged is None else bridged.share
+    notes = notes_on(marked, breast, gathered, bounded.origin, cleaned.steps, assumed, chosen=side is not None)
     return _scan(name, marked, breast, gathered, bounded, cleaned, found, prepared.bridge, notes)
 
 
@@ -310,13 +318,22 @@ def _cleaned(marked: Marked, gathered: Gathered, bounded: Bounded, points: int |
     )
     kept = len(cleaned.points)
     if kept < min(MIN_POINTS, points or MIN_POINTS):
-        cause = f"only {kept} distinct points are left of {cleaned.steps.read} after cleaning and cropping"
-        remedy = "Check wire and upper line; raise scan.outliers (null keeps all points), or scan more densely"
-        raise InputError(marked.cloud.path, cause, remedy)
+        raise _too_few(marked.cloud, cleaned.steps)
     if fills_a_volume(cleaned.dense):
         remedy = "Export the surface that was scanned; noise throughout a volume, or the inside of a body, has no shape"
         raise InputError(marked.cloud.path, "its points lie on no surface: they fill a volume", remedy)
     return replace(cleaned, points=cleaned.points[along_curve(cleaned.points)])
+
+
+def _too_few(cloud: Cloud, steps: Cleaning) -> InputError:
+    """The error of a breast of which hardly a point is left."""
+    left, read = f"only {steps.used} distinct points are left", f"{steps.read:,}"
+    if cloud.faces and steps.elsewhere > MOSTLY * steps.read:
+        cause = f"{left} of {read} sampled on its mesh by area: {steps.elsewhere:,} of them are far from the breast"
+        remedy = "Cut off what is no body, such as floor and walls, or raise scan.mesh_points"
+        return InputError(cloud.path, cause, remedy)
+    remedy = "Check wire and upper line; raise scan.outliers (null keeps all points), or scan more densely"
+    return InputError(cloud.path, f"{left} of {read} after cleaning and cropping", remedy)
 
 
 def _gaps(path: Path, cleaned: Cleaned, bounded: Bounded) -> Gaps | None:

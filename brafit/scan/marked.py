@@ -22,6 +22,10 @@ SIDES_APART = 30.0
 """Marks that their mirror image is nearer to (mm, median) are not those of a breast."""
 
 
+SIDEWAYS = 0.5
+"""Least cosine between the line from end to end of a wire and the direction across the body: 0.8 to 0.95 of 14."""
+
+
 @dataclass(frozen=True, eq=False)
 class Whole:
     """A whole scan, in millimetres, and what is known of it as a body."""
@@ -35,8 +39,13 @@ class Whole:
 
     @cached_property
     def mirror(self) -> Mirror:
-        """The plane between left and right."""
+        """The plane of best symmetry: between left and right, where the scan has both."""
         return mirror_of(self.cloud.points)
+
+    @property
+    def has_middle(self) -> bool:
+        """Whether it shows where the middle between left and right is: a crop does not."""
+        return self.is_torso and self.mirror.rms <= SYMMETRIC
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +93,8 @@ class Marked:
         if origin == "given":
             return None
         known = self.proposed.get(marks.side) if any(marks is own for own in self.breasts) else None
-        found = known or judged(self.cloud.points, marks, self.whole.mirror, looked_at=origin == "mirrored")
+        middle = self.whole.mirror if self.whole.has_middle else None
+        found = known or judged(self.cloud.points, marks, middle, looked_at=origin == "mirrored")
         if found is not None and found.faults:
             raise refusal(self.cloud.path, [found], origin)
         return found
@@ -95,12 +105,26 @@ class Marked:
             remedy = f"Set scan.side={marks.side}, or scan.side=null for what each file marks"
             raise InputError(marks.path, cause, remedy)
         flipped = marks.mapped(self.whole.mirror, side=side)
-        away = float(np.median(np.linalg.norm(flipped.positions() - marks.positions(), axis=1)))
-        if self.whole.mirror.rms > SYMMETRIC or away < SIDES_APART:
-            symmetric = "the body is not symmetric enough to mirror it"
-            cause = f"side={side}: it marks the {marks.side} breast only, and {symmetric}"
+        if fault := self._mirror_fault(marks, flipped):
+            cause = f"side={side}: it marks the {marks.side} breast only, and {fault}"
             raise InputError(marks.path, cause, f"Add the {side} breast to the landmark file: breasts: [...]")
         return flipped
+
+    def _mirror_fault(self, marks: Landmarks, flipped: Landmarks) -> str:
+        """Why marks of one breast cannot be mirrored onto the other; empty if they can."""
+        line = marks.wire if marks.wire is not None else np.empty((0, 3))
+        if len(line) and abs(float(_direction(line) @ self.whole.mirror.normal)) < SIDEWAYS:
+            return "the plane in which the scan is symmetric does not part left from right"
+        away = float(np.median(np.linalg.norm(flipped.positions() - marks.positions(), axis=1)))
+        if not self.whole.has_middle or away < SIDES_APART:
+            return "the body is not symmetric enough to mirror it"
+        return ""
+
+
+def _direction(line: np.ndarray) -> np.ndarray:
+    """The unit vector from end to end."""
+    chord = line[-1] - line[0]
+    return chord / max(float(np.linalg.norm(chord)), 1e-9)
 
 
 def origin_of(marks: Landmarks) -> str:
@@ -134,8 +158,17 @@ def with_marks(raw: Cloud, marks: Path | Landmarks, units: str | None, propose: 
     confidence = {one.marks.side: one.confidence for one in found}
     breasts = tuple(one.marks for one in found if not one.confidence.faults)
     if not breasts:
-        raise refusal(raw.path, list(confidence.values()))
+        raise _no_breasts(whole, list(confidence.values()))
     return Marked(whole, breasts, Units(unit, unit, "" if stated else "the depth of the body"), confidence)
+
+
+def _no_breasts(whole: Whole, found: list[Confidence]) -> InputError:
+    """The error of a scan on which no possible marks were found."""
+    if whole.has_middle:
+        return refusal(whole.cloud.path, found)
+    apart = f"no plane parts it into two sides that are alike (at best they are {whole.mirror.rms:.0f} mm apart)"
+    cause = f"it seems to be a part of a torso: {apart}, and landmarks are proposed on a whole torso only"
+    return InputError(whole.cloud.path, cause, "Mark it by hand, on a page of brafit-mark, or scan the whole torso")
 
 
 def _given(raw: Cloud, breasts: list[Landmarks], units: str | None) -> Marked:

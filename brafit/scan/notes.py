@@ -5,20 +5,31 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from brafit.landmarks.file import SIDES
 from brafit.landmarks.units import NAMES, Units
 from brafit.remarks import Remark
-from brafit.scan.framed import Framed, size_laid
+from brafit.scan.framed import Framed
 from brafit.scan.marked import Marked
 from brafit.scan.region import Gathered
+from brafit.scan.wiring import size_laid
 from brafit.surface.cleaning import Cleaning
 from brafit.underwires.nearest import chosen_wire
 
+GAP = 0.01
+"""Share of a cup without points that is said."""
 NOISY = 1.0
 """Scatter (mm) of the cleaned points that is said."""
 
 
 def notes_on(
-    marked: Marked, breast: Framed, gathered: Gathered, upper_line: str, steps: Cleaning, *, chosen: bool
+    marked: Marked,
+    breast: Framed,
+    gathered: Gathered,
+    upper_line: str,
+    steps: Cleaning,
+    assumed: float,
+    *,
+    chosen: bool,
 ) -> tuple[Remark, ...]:
     """The notes on a scan, each about the cloud's file.
 
@@ -28,6 +39,7 @@ def notes_on(
         gathered: the points about it.
         upper_line: where that is from: `given`, `proposed`, `built` or `none`.
         steps: what the cleaning took.
+        assumed: share of the surface between wire and upper line that is assumed.
         chosen: whether the side was named.
     """
     found = [
@@ -36,9 +48,11 @@ def notes_on(
         *_on_upper_line(upper_line, marked.cloud.inside is not None),
         *_on_size(breast),
         *_on_noise(steps.scatter_mm),
+        *_on_gaps(assumed),
         *_on_marks(breast),
     ]
-    if not chosen and (breast.marks_origin == "proposed" or len(marked.breasts) > 1):
+    another = len(marked.breasts) > 1 or (breast.marks_origin == "proposed" and marked.whole.has_middle)
+    if not chosen and another:
         words = f"the {breast.marks.side} breast alone is fitted: scan.side=both fits both"
         found.append(Remark("one_side", words))
     return tuple(replace(remark, about=marked.cloud.path.name) for remark in found)
@@ -77,14 +91,33 @@ def _on_noise(scatter: float | None) -> Iterator[Remark]:
         yield Remark("noisy", f"its points scatter by {scatter:.1f} mm about their surface: edges are less certain")
 
 
+def _on_gaps(assumed: float) -> Iterator[Remark]:
+    if assumed >= GAP:
+        words = f"a surface is assumed on {100 * assumed:.0f} % of the cup, where the scan has no points"
+        yield Remark("assumed_surface", f"{words}: standard deviations (±) take it as exact")
+
+
 def _on_marks(breast: Framed) -> Iterator[Remark]:
     if breast.turned:
         ends = {"inner_end", "outer_end"} & breast.marks.points.keys()
         doubt = "" if ends else f"; if that is wrong, so is the side: it says {breast.marks.side}"
         yield Remark("wire_turned", f"the wire is given from its outer end, and is turned{doubt}")
+    if breast.lengths:
+        lengths = ", ".join(f"{side} {length:.0f} mm long" for side, length in breast.lengths.items())
+        yield Remark("own_wires", f"the breasts are no mirror images: each has a wire found on it alone, {lengths}")
     if (breast.marks_origin, breast.wire_origin) == ("given", "given"):
         return
-    how = f"landmarks {breast.marks_origin}, wire {breast.wire_origin}"
+    yield Remark("guessed_marks", f"{_origins(breast)}: look at them, brafit-inspect draws them")
+
+
+def _origins(breast: Framed) -> str:
+    """Where a breast's marks and wire are from, in words."""
     guess = "off the crease" if size_laid(breast.wire_origin) else "guessed, no crease shows there"
     share = "" if breast.guessed is None else f" ({100 * breast.guessed:.0f} % of it {guess})"
-    yield Remark("guessed_marks", f"{how}{share}: look at them, brafit-inspect draws them")
+    if breast.marks_origin != "mirrored":
+        return f"landmarks {breast.marks_origin}, wire {breast.wire_origin}{share}"
+    other = SIDES[1 - SIDES.index(breast.marks.side)]
+    unmarked = f"the {breast.marks.side} breast is not marked: its landmarks"
+    if breast.wire_origin == "mirrored":
+        return f"{unmarked} and wire are the {other} one's, mirrored"
+    return f"{unmarked} are the {other} one's, mirrored, its wire {breast.wire_origin}{share}"

@@ -19,7 +19,7 @@ from brafit.landmarks.plausibility import is_one_breast
 from brafit.scan.framed import Framed, frame_of, inner_end_first
 from brafit.scan.marked import Marked
 from brafit.surface.cleaning import Tidy, tidy
-from brafit.surface.symmetry import ALIKE, SYMMETRIC, Mirror, breasts_apart
+from brafit.surface.symmetry import ALIKE, Mirror, breasts_apart
 
 REGION, MARGIN = 0.8, 40.0
 """Points are left out if they lie farther from the middle of the wire than REGION wire lengths, and more than MARGIN mm
@@ -97,7 +97,7 @@ class Gathering:
     def _both(self, frame: CupFrame, marks: Landmarks) -> _Both | None:
         """The points of both breasts in the frame of one, if the two are alike."""
         points = self.marked.cloud.points
-        if not (self.symmetry and self.marked.whole.is_torso) or self.marked.whole.mirror.rms > SYMMETRIC:
+        if not (self.symmetry and self.marked.whole.has_middle):
             return None
         region = _Region.of(marks)
         own, other = region.holds(points), region.mirrored(self.marked.whole.mirror).holds(points)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf.errors import InterpolationResolutionError
 
 from brafit.errors import ConfigError
 from brafit.settings.refusal import EXTRAS, missing_launcher
@@ -20,7 +22,10 @@ def check(config: DictConfig) -> None:
     Raises:
         ConfigError: names the key, what came and what is allowed.
     """
-    _check_limits(config, "")
+    try:
+        _check_limits(config, "")
+    except InterpolationResolutionError as error:
+        raise ConfigError(_unresolved(config, error)) from error
     sources(config)
     check_device(config.device)
     if config.scan.wire not in (None, "detect"):
@@ -87,6 +92,17 @@ def check_one_job(overrides: Sequence[str]) -> None:
         raise ConfigError(f"{chosen}: launchers run the jobs of a sweep, and this is one job; {remedy} by threads=N")
 
 
+def _unresolved(config: DictConfig, error: InterpolationResolutionError) -> str:
+    """What to say of a setting whose value is taken from another that there is not."""
+    key = str(error.full_key or "")
+    parent, _, last = key.rpartition(".")
+    group = OmegaConf.select(config, parent) if parent else config
+    plain = OmegaConf.to_container(group, resolve=False) if isinstance(group, DictConfig) else None
+    value = plain.get(last) if isinstance(plain, dict) else None
+    cause = str(error).partition("\n")[0]
+    return f"{key}={value}: its value cannot be taken from elsewhere ({cause}); write ${{...}} of a setting that exists"
+
+
 def _importable(module: str) -> bool:
     try:
         return importlib.util.find_spec(module) is not None
@@ -108,7 +124,12 @@ def _check_limits(node: DictConfig | ListConfig, prefix: str) -> None:
         if isinstance(value, DictConfig) or (isinstance(value, ListConfig) and not bounds):
             _check_limits(value, f"{name}.")
         elif value is not None and (allowed := _refusal(value, **bounds)):
-            raise ConfigError(f"{name}={value}: must be {allowed}")
+            raise ConfigError(f"{name}={_as_written(value)}: must be {allowed}")
+
+
+def _as_written(value: Any) -> Any:
+    """A value as it is told: a text that looks like a number in its quotes, which make it a text."""
+    return f"'{value}'" if isinstance(value, str) and re.fullmatch(r"[-+\d.]+", value) else value
 
 
 def _refusal(
@@ -117,6 +138,7 @@ def _refusal(
     most: float | None = None,
     choices: Sequence[str] | None = None,
     word: str | None = None,
+    above: float | None = None,
 ) -> str | None:
     """What is allowed, if the value is not. With a `word` that is it, or a whole number."""
     if word is not None:
@@ -126,6 +148,14 @@ def _refusal(
             return f"{word} or a whole number from {least} to {most}"
     if choices is not None and value not in choices:
         return f"one of {', '.join(choices)}"
+    if isinstance(value, float) and not math.isfinite(value):
+        return "a finite number"
+    if above is not None and value <= above:
+        return f"above {above:g}, or null"
     if least is None or (value >= least and (most is None or value <= most)):
         return None
-    return f"at least {least:g}" if most is None else f"from {least:g} to {most:g}"
+    return f"at least {_short(least)}" if most is None else f"from {_short(least)} to {_short(most)}"
+
+
+def _short(limit: float) -> str:
+    return str(limit) if isinstance(limit, int) else f"{limit:g}"

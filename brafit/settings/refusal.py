@@ -59,6 +59,10 @@ def refusal(error: BaseException, overrides: Sequence[str], known: Known) -> str
         several = match[1] == "scans" or OmegaConf.is_list(setting)
         choice = f", or write a list: {match[1]}=[{match[2]}]" * several
         return f"{match[1]}={match[2]}: several values; add -m to run each in turn{choice}"
+    if match := re.match(r"Sweep parameters '(.*)' requires --multirun", text):
+        return f"{match[1]}: several values; add -m to run each in turn"
+    if match := re.match(r"Could not override '(([^'@]+)@[^']*)'", text):
+        return f"unknown setting '{match[1]}'; did you mean {match[2]}=VALUE?"
     if match := re.search(r"Error locating target 'hydra_plugins\.hydra_(\w+)_launcher", f"{text} {cause}"):
         return missing_launcher(match[1], overrides)
     if match := re.search(r"Could not find '(\S+)/([^/\s]+)'", text):
@@ -91,6 +95,8 @@ def unknown_setting(key: str, known: Known, mark: str = "") -> str:
     names = [str(name) for name in node if not str(name).startswith("_")]
     meant = difflib.get_close_matches(last, names, n=1)
     found = [f"{parent}.{name}" if parent else name for name in meant] or _elsewhere(tree, last)
+    dotted = key.replace("/", ".")
+    found = [dotted] if dotted != key and _exists(tree, dotted) else found
     hint = f"did you mean {found[0]}? " if found else ""
     return f"unknown setting '{mark}{key}'; {hint}allowed{f' in {parent}' if parent else ''}: {', '.join(names)}"
 
@@ -119,6 +125,8 @@ def _value_refused(cause: BaseException, overrides: Sequence[str], known: Known)
         return unknown_setting(below, known)
     if match := re.match(r"Value '(.*)' of type '\w+' could not be converted to (\w+)", text):
         return f"{key}={match[1]}: must be {KINDS.get(match[2], match[2])}"
+    if match := re.match(r"Value '([^\[].*)' is not a valid bool", text):
+        return f"{key}={match[1]}: must be true or false"
     if match := re.match(r"Value '(\[.*\])' is not a valid bool|Cannot convert 'list' to string: '(\[.*\])'", text):
         return f"{key}={match[1] or match[2]}: must be {'true or false' if match[1] else 'one text'}, not a list"
     if match := re.match(r"Invalid value assigned: (\w+) is not a ListConfig", text):

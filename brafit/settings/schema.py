@@ -142,7 +142,7 @@ class ScanConfig:
     """scan=default"""
 
     points: int | None = limited(10)
-    outliers: float | None = field(default=MISSING)
+    outliers: float | None = field(default=MISSING, metadata={"above": 0})
     neighbours: int = limited(2, 1000)
     side: str | None = one_of("left", "right", "both")
     units: str | None = one_of("mm", "cm", "in", "m")

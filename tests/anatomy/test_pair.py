@@ -111,7 +111,8 @@ def test_breasts_of_different_size_are_no_pair():
     points = trunk(left=46.0)
     body, _ = body_and_trunk(points)
     found = found_on(points, proposals(FILE, points), body)
-    assert not are_alike(points, mirror_of(points), body, found[0])
+    left = found[0]
+    assert not are_alike(points, mirror_of(points), body, left.side, left.apex, left.wire.wire)
     lengths = [polyline_length(breast.wire.wire) for breast in found]
     trusted = confidences(body, found)
     assert [one.evidence["longer"] for one in trusted] == pytest.approx(

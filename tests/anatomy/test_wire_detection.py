@@ -99,16 +99,15 @@ def test_concavity_at_some_points_is_that_of_all():
 def test_a_wire_of_a_size_lies_in_the_crease(size, off):
     """The first is an arc of the crease's circle, the other one a U, which no circle is."""
     arc = wire_size(size).line(51)
-    found = laid(ball_on_a_chest(), arc).wire
+    found = laid(trace(ball_on_a_chest()), arc).wire
     assert np.sqrt((off_circle(found) ** 2).mean()) < off
     lengths = np.linalg.norm(found[:, None] - found, axis=2) - np.linalg.norm(arc[:, None] - arc, axis=2)
     assert np.abs(lengths).max() < 1e-9, "it is not bent"
 
 
 def test_what_a_wire_of_a_wrong_size_has_beside_the_crease_counts_as_guessed():
-    surface = ball_on_a_chest()
-    crease = trace(surface)
-    guessed = [laid(surface, wire_size(size).line(51)).guessed for size in ("65x200", "44", "60")]
+    crease = trace(ball_on_a_chest())
+    guessed = [laid(crease, wire_size(size).line(51)).guessed for size in ("65x200", "44", "60")]
     assert guessed[0] == pytest.approx(crease.guessed, abs=0.03)
     assert guessed[0] < guessed[1] < guessed[2] < 1
     assert guessed[2] > 0.4

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 import torsos
 from matplotlib.figure import Figure
+from scipy.spatial import Delaunay
 
 from brafit.cli.inspect import main
+from brafit.cloud import read_cloud
 from brafit.landmarks import landmarks_path, read_landmarks
 from brafit.samples import sample_paths
 from brafit.scan.discovery import passed_over
@@ -94,6 +96,25 @@ def words_of(figure: Figure) -> list[str]:
     """All texts of a figure, and the labels of its axes."""
     axes = [label for one in figure.axes for label in (one.get_xlabel(), one.get_ylabel())]
     return axes + [text.get_text() for one in figure.axes for text in one.texts]
+
+
+def test_of_a_mesh_the_picture_says_what_was_read_and_what_was_sampled(tmp_path, monkeypatch):
+    import trimesh
+
+    cloud = read_cloud(sample_paths()[0])
+    near = trimesh.Trimesh(cloud.points[::4], Delaunay(cloud.points[::4, :2]).simplices, process=False)
+    near.export(tmp_path / "breast.obj")
+    shutil.copy(landmarks_path(sample_paths()[0]), tmp_path / "breast.json")
+    told = []
+    monkeypatch.setattr(
+        "brafit.report.inspection.inspection_figure", lambda *given: told.append(given[4]) or Figure(figsize=(1, 1))
+    )
+    assert inspect(tmp_path / "breast.obj", "--out", tmp_path / "out") == 0
+    counts = f"{len(near.vertices):,} vertices and {len(near.faces):,} triangles"
+    assert f"points: 200,000 sampled on a mesh of {counts}, " in told[0]
+    assert " read" not in told[0]
+    assert inspect(sample_paths()[0], "--out", tmp_path / "out") == 0
+    assert f"points: {len(cloud.points):,} read, " in told[1]
 
 
 def test_the_installed_module_runs(tmp_path):

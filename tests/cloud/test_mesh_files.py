@@ -164,7 +164,7 @@ def test_an_obj_with_lines_lost_or_doubled_is_refused(tmp_path):
     [
         ("v 1 2", "line 601 is not complete: a vertex with 2 of its numbers"),
         ("v 1 2 3 4 5", "line 601 is not complete: a vertex with 5 of its numbers"),
-        ("v 1,5 2 3", "line 601: '1,5' is no number"),
+        ("v 1;5 2 3", "line 601: '1;5' is no number"),
         ("v 1 2 3 0.5", "line 601 gives a vertex the weight 0.5, which makes sense in curved surfaces only"),
         ("f 1 2", "line 601 is not complete: a face of 2 corners"),
         ("f 1 2 0", "line 601: a face names vertex 0, there are 600, counted from 1"),
@@ -231,6 +231,63 @@ def test_what_is_wrong_in_a_ply_is_named(tmp_path):
     assert reason(path, ply("3 0 1 2", faces=9)) == "its header promises 21 numbers or more, 16 follow"
     assert reason(path, ply("3 0 0 1")) == "its faces have no area"
     assert "have no list vertex_indices" in reason(path, ply("3 0 1 2").replace("vertex_indices", "corners"))
+
+
+def test_properties_of_a_ply_in_capitals(tmp_path):
+    path = tmp_path / "a.ply"
+    capitals = ply("3 0 1 2").replace("float x", "float X").replace("float y", "float Y").replace("float z", "float Z")
+    path.write_text(capitals)
+    np.testing.assert_array_equal(READERS[".ply"](path).vertices, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    both = capitals.replace("property float Z\n", "property float Z\nproperty float z\n")
+    for corner in ("0 0 0", "1 0 0", "1 1 0", "0 1 0"):
+        both = both.replace(f"{corner}\n", f"{corner} 5\n")
+    path.write_text(both)
+    np.testing.assert_array_equal(READERS[".ply"](path).vertices[:, 2], [5, 5, 5, 5])
+
+
+def test_positions_by_other_names_are_no_damage(tmp_path):
+    path = tmp_path / "a.ply"
+    path.write_text(ply("3 0 1 2").replace("float x", "float px"))
+    with pytest.raises(InputError) as caught:
+        read_cloud(path)
+    assert caught.value.cause == "cannot be read as a cloud (its vertices have no positions x, y, z: only px, y, z)"
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text"),
+    [
+        (".obj", "v 1,5 2,5 3,5\n"),
+        (".ply", ply("3 0 1 2").replace("1 1 0", "1,0 1,5 0,0")),
+        (".off", "OFF\n1 0 0\n1,5 2,5 3,5\n"),
+        (
+            ".stl",
+            "solid\nfacet normal 0 0 1\nouter loop\nvertex 1,5 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+            "endloop\nendfacet\nendsolid",
+        ),
+    ],
+)
+def test_decimal_commas_in_a_mesh_are_named(tmp_path, suffix, text):
+    path = tmp_path / f"a{suffix}"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_cloud(path)
+    assert "has a decimal comma, which this format does not know)" in caught.value.cause
+    assert caught.value.remedy == "Export it with decimal points"
+
+
+@pytest.mark.parametrize("solids", [1, 2])
+def test_an_ascii_stl_may_be_one_line(tmp_path, solids):
+    vertices, faces = breast()
+    spelt = [
+        " facet normal 0 0 1 outer loop "
+        + " ".join("vertex " + " ".join(f"{float(x)!r}" for x in corner) for corner in vertices[face])
+        + " endloop endfacet"
+        for face in faces[:150]
+    ]
+    parts = [spelt] if solids == 1 else [spelt[:70], spelt[70:]]
+    path = tmp_path / "a.stl"
+    path.write_text(" ".join(f"solid a {k}{''.join(part)} endsolid a {k}" for k, part in enumerate(parts)))
+    np.testing.assert_array_equal(READERS[".stl"](path).vertices, vertices[faces[:150]].reshape(-1, 3))
 
 
 def test_strips_of_a_ply_are_its_faces(tmp_path):

@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
 import os
+import re
 import sys
 
 import numpy as np
@@ -82,6 +86,27 @@ def test_a_file_without_permission(tmp_path, capfd):
     assert message(path, capfd).startswith("cannot be read (Permission denied).")
 
 
+@pytest.mark.parametrize(
+    ("pack", "kind"),
+    [(gzip.compress, "packed (gzip)"), (bz2.compress, "packed (bzip2)"), (lzma.compress, "packed (xz)")],
+)
+def test_packed_files_are_named(tmp_path, pack, kind):
+    path = write_ply(tmp_path / "a.ply", cup_frame_points(200))
+    path.write_bytes(pack(path.read_bytes()))
+    with pytest.raises(InputError, match=re.escape(f"a.ply: is {kind}. Unpack it first.")):
+        read_cloud(path)
+
+
+def test_arrays_of_other_things_than_numbers_are_named(tmp_path):
+    path = tmp_path / "a.npy"
+    np.save(path, np.array([{"a": 1}] * 200, dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match=r"\(its array holds Python objects, not numbers\)"):
+        read_cloud(path)
+    np.savez(tmp_path / "a.npz", a=cup_frame_points(200), b=cup_frame_points(200))
+    with pytest.raises(InputError, match=r"only: a, b\). Name the one that holds the points positions."):
+        read_cloud(tmp_path / "a.npz")
+
+
 def test_files_cut_off(tmp_path, capfd):
     data = write_ply(tmp_path / "whole.ply", cup_frame_points(200)).read_bytes()
     path = tmp_path / "a.ply"
@@ -129,7 +154,8 @@ def test_pcd_files_whole_and_damaged(tmp_path, capfd):
         path.write_bytes(whole.replace(old, new))
         assert " header " in message(path, capfd)
     path.write_bytes(whole.replace(b"FIELDS x y z", b"FIELDS u v w"))
-    assert message(path, capfd) == f"{damaged}it has no positions x, y, z). {COPY}"
+    other = "its fields are u, v, w, without positions x, y, z). Export it with fields x, y and z."
+    assert message(path, capfd) == f"cannot be read as a cloud ({other}"
     path.write_bytes(b"VERSION 0.7\n")
     assert message(path, capfd) == f"{damaged}its header has no line DATA). {COPY}"
 

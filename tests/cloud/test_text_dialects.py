@@ -187,6 +187,45 @@ def test_faults_are_named(tmp_path: Path, change, words: str) -> None:
     assert words in refusal(tmp_path / "a.xyz", "\n".join(change(rows())))
 
 
+THOUSANDS = {
+    "comma": lambda value: f"{value:,.3f}",
+    "point": lambda value: f"{value:,.3f}".translate({44: ".", 46: ","}),
+    "apostrophe": lambda value: f"{value:,.3f}".replace(",", "'"),
+    "narrow blank": lambda value: f"{value:,.3f}".translate({44: "\u202f", 46: ","}),
+}
+
+
+@pytest.mark.parametrize("spelt", THOUSANDS.values(), ids=THOUSANDS)
+@pytest.mark.parametrize("before", [[], ["7"]], ids=["", "index"])
+@pytest.mark.parametrize("behind", [[], ["200", "10"]], ids=["", "colours"])
+def test_marks_of_thousands_are_named(tmp_path: Path, spelt, before: list[str], behind: list[str]) -> None:
+    """Also where other columns would do for the one in which all numbers have them: those that stand behind it."""
+    rows_of = [[90.5, 1200.25 + k, 130.125] for k in range(COUNT)]
+    lines = [
+        "\t".join([*(str(k) for _ in before), *map(spelt, row), *behind]) for k, row in enumerate(rows_of, start=1)
+    ]
+    assert "has marks of thousands). Export it without them" in refusal(tmp_path / "a.txt", "\n".join(lines))
+
+
+def test_a_unit_behind_a_number_is_named(tmp_path: Path) -> None:
+    lines = [f"{x:.3f} {y:.3f}mm {z:.3f} 200 10" for x, y, z in POINTS]
+    assert "mm' has its unit behind it). Export numbers only" in refusal(tmp_path / "a.txt", "\n".join(lines))
+    path = tmp_path / "b.txt"
+    path.write_text("\n".join(rows(more=" 10cm")))  # a label, say
+    np.testing.assert_array_equal(read_text(path)["positions"], POINTS.round(3))
+
+
+@pytest.mark.parametrize("unit", ["um", "\u00b5m", "ft", "px"])
+def test_a_unit_that_is_not_read_is_not_passed_over(tmp_path: Path, unit: str) -> None:
+    line = refusal(tmp_path / "a.csv", "\n".join([f"x [{unit}];y [{unit}];z [{unit}]", *rows(mark=";")]))
+    assert "is in a unit that is not read). Export it in one of mm, cm, m, in." in line
+
+
+def test_what_is_no_number_is_shown_where_columns_are_missing(tmp_path: Path) -> None:
+    line = refusal(tmp_path / "a.txt", "\n".join(f"[{x:.3f}, {y:.3f}, {z:.3f}]" for x, y, z in POINTS))
+    assert "3 columns of numbers are needed, it has 1: '[" in line
+
+
 def blocks(*sizes: int, counts: tuple[int, ...] | None = None) -> str:
     """A PTS file of several scans, with intensity and colour."""
     lines = iter(rows(more=" -500 1 2 3"))

@@ -94,6 +94,7 @@ def test_repeated_wire_points_are_dropped(tmp_path):
             "Trace the line with 4 points or more, from end to end (20 to 50 are good).",
         ),
         ({"wire": [[0, 0, 0], [1, float("inf"), 0]]}, f"wire[1]: Infinity is not finite. {TRIPLE}"),
+        ({"wire": [[0, 0, 0], [1, 1e308, 0]]}, f"wire[1]: 1e+308 is no place on a body in any unit. {TRIPLE}"),
         ({"wire": "bow"}, f"wire: a text, not a list of points. Write [[x, y, z], ...]. {SEE}"),
         ({"name": 7}, "name: 7 is not a text. Give the scan's name in quotes, or leave it out."),
     ],
@@ -112,7 +113,34 @@ def test_a_file_that_is_no_landmark_file(tmp_path):
     path.write_text("[1, 2]")
     assert message(path) == f"holds a list, not an object with named fields. {SEE}"
     path.write_bytes(b"\xff\xfe\x00\x01\x80")
+    assert message(path) == "is no text in UTF-16. Save it as JSON in UTF-8."
+    path.write_text('{"side": "left", "name": "Größe"}', encoding="latin-1")
+    assert message(path) == "is no text in UTF-8. Save it as JSON in UTF-8."
+    path.write_text("[" * 100_000)
     assert message(path) == f"is not a JSON text file. Write the landmarks as JSON. {SEE}"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-32"])
+def test_the_encoding_is_found(tmp_path, encoding):
+    path = changed(tmp_path, name="Größe")
+    text = path.read_text(encoding="utf-8")
+    expected = read_landmarks(path)
+    path.write_text(text, encoding=encoding)
+    assert read_landmarks(path).name == expected.name
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ('{"side": "right", "side": "left"}', "side"),
+        ('{"side": "left", "landmarks": {"apex": [1, 2, 3], "apex": [1, 2, 4]}}', "apex"),
+    ],
+)
+def test_a_field_that_stands_twice_is_refused(tmp_path, text, field):
+    """JSON lets the last one count, without a word."""
+    path = tmp_path / "a.json"
+    path.write_text(text)
+    assert message(path).startswith(f"{field}: written twice in one place")
 
 
 def test_samples_agree_with_the_schema():

@@ -34,6 +34,30 @@ def test_half_a_wire(part: slice, flagged: bool):
         check_scan(cloud(points, inside), landmarks(WIRE[part]))
 
 
+def marked(**changes) -> Landmarks:
+    breast = cup_frame_landmarks()
+    points = {name: np.array(place) for name, place in (breast["landmarks"] | changes.pop("points", {})).items()}
+    return Landmarks(Path("a.json"), "a", "left", changes.get("wire", breast["wire"]), None, points)
+
+
+def test_wires_whose_points_are_not_in_order_are_called_that():
+    cloud, wire = Cloud(Path("a.ply"), cup_frame_points(), None, None), cup_frame_landmarks()["wire"]
+    check_scan(cloud, marked())
+    check_scan(cloud, marked(wire=wire[np.linspace(0, len(wire) - 1, 4).astype(int)]))
+    jumping = wire + 5 * np.cos(np.pi * np.arange(len(wire)))[:, None] * [0, 0, 1]
+    for wrong in (jumping, wire[np.random.default_rng(0).permutation(len(wire))]):
+        with pytest.raises(InputError, match=r"a\.json: wire: its points run to and fro: .* List them in order"):
+            check_scan(cloud, marked(wire=wrong))
+
+
+@pytest.mark.parametrize(("one", "other"), [("wire_bottom", "apex"), ("apex", "strap_point")])
+def test_two_marks_in_one_place_are_refused(one, other):
+    cloud = Cloud(Path("a.ply"), cup_frame_points(), None, None)
+    same = {other: cup_frame_landmarks()["landmarks"][one] + np.array([0, 2.0, 0])}
+    with pytest.raises(InputError, match=f"landmarks.{one} and landmarks.{other} are 2.0 mm apart, which are two"):
+        check_scan(cloud, marked(points=same))
+
+
 def test_a_whole_wire_is_none_whatever_is_about_it():
     breast = cup_frame_points(2000)
     check_scan(cloud(breast), landmarks(WIRE))

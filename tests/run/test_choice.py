@@ -78,8 +78,20 @@ def test_the_fewest_panels_that_keep_the_tolerance(fit: CupFit) -> None:
     assert fits[2].choice["rms_mm_by_panels"] == {"2": None, "3": 2.0, "4": 1.6, "5": 1.1, "6": 0.8}
     warned = [[told for told in one.warnings if told.code == "tolerance_missed"] for one in fits]
     assert [len(told) for told in warned] == [0, 0, 0, 1, 0]
+    missed = "no cup of 2 to 5 panels keeps cup.tolerance=1.5: 4 come closest, with 2.00 mm RMS"
+    assert str(warned[3][0]) == f"{missed}; cup.tolerance=2 is kept, or set cup.panels=6: 1.00 mm"
     assert known.asked == [(2, [0, 1, 2, 3, 4]), (3, [0, 1, 2, 3, 4]), (4, [1, 2, 3, 4]), (5, [2, 3]), (6, [2, 3])]
     assert [one.seconds for one in fits] == [2, 3, 5, 5, 3]
+
+
+def test_what_a_missed_tolerance_is_told(fit: CupFit) -> None:
+    """Only what was reached is advised: the tolerance that the closest cup keeps, and one panel more where it helps."""
+    known = Known(fit, [[2.0, 1.5, 1.2, 0.7531, 0.4], [2.0, 1.5, 1.2, 0.7531, 0.6], [0.0, 0.0, 0.0, 0.0, 0.0]])
+    fits = chosen(recipe_of(["cup.panels=auto", "cup.tolerance=0.5"]), 3, known)
+    told = [[str(one) for one in each.warnings if one.code == "tolerance_missed"] for each in fits]
+    missed = "no cup of 2 to 5 panels keeps cup.tolerance=0.5"
+    reached = f"{missed}: 5 come closest, with 0.75 mm RMS; cup.tolerance=0.76 is kept"
+    assert told == [[f"{reached}, or set cup.panels=6: 0.40 mm"], [reached], [f"{missed}: none of them makes a cup"]]
 
 
 def test_the_price_is_that_of_cups_with_as_many_panels(fit: CupFit) -> None:

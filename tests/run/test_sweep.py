@@ -9,6 +9,7 @@ import pyarrow.parquet
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from brafit.errors import ConfigError
 from brafit.report.table import write_summary
 from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
 from brafit.settings.compose import LONGEST, job_folder
@@ -45,6 +46,15 @@ def test_every_combination_is_checked_or_every_value() -> None:
     assert {text for settings in checked for text in settings} == {"out=x"} | {
         f"{k}={v}" for k in many for v in many[k]
     }
+
+
+def test_all_choices_of_a_group_and_of_what_is_none() -> None:
+    assert parted(["cup=glob(*)"])[0] == {"cup": ["frames", "strips"]}
+    assert parted(["cup=glob([f*])"])[0] == {"cup": ["frames"]}
+    with pytest.raises(ConfigError, match=r"cup.panels=glob\(...\): .* name the values: cup.panels=VALUE,VALUE"):
+        parted(["cup.panels=glob(*)"])
+    with pytest.raises(ConfigError, match=r"here none; cup has frames, strips"):
+        parted(["cup=glob(x*)"])
 
 
 def row(scan: str, rms: float | None) -> dict:

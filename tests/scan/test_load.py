@@ -321,6 +321,20 @@ def test_a_side_that_is_not_marked_needs_a_torso(tmp_path):
         load_scan(path, side="right")
 
 
+def test_a_mesh_that_is_mostly_floor_is_called_that(tmp_path):
+    import trimesh
+    from scipy.spatial import Delaunay
+
+    path = write_breast(tmp_path).with_suffix(".off")
+    points = cup_frame_points(1500)
+    breast = trimesh.Trimesh(points, Delaunay(points[:, 1:] + points[:, :1] * [0, 0.3]).simplices, process=False)
+    floor = trimesh.creation.box([7_000.0, 10.0, 7_000.0]).apply_translation([0, -1500.0, 0])
+    trimesh.util.concatenate([breast, floor]).export(path)
+    line = message(path)
+    assert "sampled on its mesh by area: " in line
+    assert line.endswith("Cut off what is no body, such as floor and walls, or raise scan.mesh_points.")
+
+
 def test_a_cloud_of_one_point_many_times(tmp_path):
     path = write_breast(tmp_path)
     write_ply(path, np.repeat(cup_frame_points(60), 10, axis=0))

@@ -67,7 +67,12 @@ def test_a_scan_says_what_it_assumes(tmp_path):
     assert 0.1 < scan.gap_share < 14 / RADIUS
     assert len(scan.assumed) > 100
     assert scan.points[:, 2].min() > 14 - 1e-6
-    assert not len(load_scan(path, bridge=False).assumed)
+    (words,) = [str(note) for note in scan.notes if note.code == "assumed_surface"]
+    assert f"a surface is assumed on {100 * scan.gap_share:.0f} % of the cup" in words
+    assert "standard deviations (±) take it as exact" in words
+    unbridged = load_scan(path, bridge=False)
+    assert not len(unbridged.assumed)
+    assert "assumed_surface" not in [note.code for note in unbridged.notes]
 
 
 def test_a_strip_of_a_breast_is_refused(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from brafit.cup.wire import Wire
 from brafit.errors import ConfigError
-from brafit.scan.framed import WIRE_POINTS
+from brafit.scan.wiring import WIRE_POINTS
 from brafit.underwires.charts import CHARTS, REGULAR, diameter
 from brafit.underwires.sizes import CATALOGUE, wire_size
 
