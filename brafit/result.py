@@ -21,6 +21,7 @@ from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
 from brafit.fitting import CupFit, Target
 from brafit.fitting.certainty import outline_deviation
+from brafit.fitting.result import Edges, Survey
 from brafit.landmarks import CupFrame
 from brafit.pattern import (
     Pattern,
@@ -34,7 +35,7 @@ from brafit.pattern import (
     write_patterns,
 )
 from brafit.pattern.writers import OTHER_FILES, WRITERS
-from brafit.report.dimensions import Dimension, dimension_deviation, dimensions
+from brafit.report.dimensions import Dimension, dimensions, survey_of
 from brafit.report.mesh import (
     PanelMesh,
     mesh_view,
@@ -131,8 +132,19 @@ class Result:
     @cached_property
     def _dimensions(self) -> list[Dimension]:
         marks = (self.apex, self.target.strap_point)
-        deviation = dimension_deviation(self.fit, self.fit.alternatives, *marks)
-        return dimensions(self.fit, self.patterns(), *marks, deviation)
+        return dimensions(self.fit, self.patterns(), *marks, self._survey)
+
+    @cached_property
+    def _survey(self) -> Survey:
+        """Of the whole batch at once, or of this cup now."""
+        if self.fit.survey is not None:
+            return self.fit.survey
+        return survey_of(self.fit, self.fit.alternatives, self.apex, self.target.strap_point)
+
+    @property
+    def _outlines(self) -> Sequence[Edges]:
+        known = self._survey.outlines
+        return known or (outline_deviation(self.fit.panels, self.fit.alternatives) if self.fit.alternatives else ())
 
     def pictures(self) -> dict[str, bytes]:
         """PNG files: `patterns`, the finished pieces, and `fit`, cup and points from three sides."""
@@ -255,9 +267,7 @@ class Result:
             pattern=self.patterns(),
             drawing=self._drawing,
             dimensions=self.dimensions(),
-            band=(self.pieces, outline_deviation(self.fit.panels, self.fit.alternatives))
-            if self.fit.alternatives
-            else None,
+            band=(self.pieces, outlines) if (outlines := self._outlines) else None,
             sources=self.sources,
             files=[*files, "fit.json"],
             warnings=[*map(str, (*self.fit.warnings, *self.patterns().warnings))],

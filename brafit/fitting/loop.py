@@ -31,7 +31,7 @@ from brafit.fitting.measure import (
 )
 from brafit.fitting.neckline import Neckline
 from brafit.fitting.objective import APEX, SEAM_LIMIT, Conditions, Objective, Pressure
-from brafit.fitting.result import ResultCode
+from brafit.fitting.result import ResultCode, Survey
 from brafit.fitting.shards import in_shards
 from brafit.fitting.solver import Callback, Solution, Solver
 from brafit.fitting.start import nearest_ridges, start_cups
@@ -79,6 +79,7 @@ class CupFit:
         notes: what was found out by fitting, such as what one more panel would bring.
         choice: the same as numbers, for fit.json.
         uncovered_share: share of the cup without data near it (`brafit.report.uncovered`); nan: nobody measured it.
+        survey: what is measured of it and its alternatives, where that was done for a whole batch.
     """
 
     name: str
@@ -97,6 +98,7 @@ class CupFit:
     notes: tuple[Remark, ...] = ()
     choice: Mapping[str, Any] = field(default_factory=dict)
     uncovered_share: float = float("nan")
+    survey: Survey | None = None
 
 
 def fit_targets(
