@@ -187,7 +187,7 @@ class Result:
             "warning_codes": [warning.code for warning in self.fit.warnings],
             "edges_mm": {piece.name: {line.name: line.length for line in piece.sew} for piece in pattern.pieces},
             "frame": {"origin": self.frame.origin, "axes": self.frame.axes},
-            "wire": wire_entry(self.target.wire),
+            "wire": wire_entry(self.fit.wire or Wire.from_polyline(self.target.wire)),
             "parameters": self.fit.parameters,
             "conditions": self.fit.conditions,
             "choice": self.fit.choice,
@@ -279,13 +279,8 @@ class Result:
         return [folder / "report.html", folder / "thumbnail.png"]
 
 
-def wire_entry(line: Float[ndarray, "k 3"]) -> dict[str, Any]:
-    """The smooth wire of a fit as fit.json has it: with the parameters it makes the cup again.
-
-    Args:
-        line: the given wire line, cup frame, mm.
-    """
-    wire = Wire.from_polyline(line)
+def wire_entry(wire: Wire) -> dict[str, Any]:
+    """The smooth wire of a fit (one, no more) as fit.json has it: with the parameters it makes the cup again."""
     return {"mm_per_unit": float(wire.scale), "series": wire.coefficients[0].numpy().round(15)}
 
 

@@ -80,6 +80,7 @@ class CupFit:
         choice: the same as numbers, for fit.json.
         uncovered_share: share of the cup without data near it (`brafit.report.uncovered`); nan: nobody measured it.
         survey: what is measured of it and its alternatives, where that was done for a whole batch.
+        wire: the smooth wire that the cup lies on; None: not known.
     """
 
     name: str
@@ -99,6 +100,7 @@ class CupFit:
     choice: Mapping[str, Any] = field(default_factory=dict)
     uncovered_share: float = float("nan")
     survey: Survey | None = None
+    wire: Wire | None = None
 
 
 def fit_targets(
@@ -163,9 +165,8 @@ def _fit_together(
         line = target.smooth_neckline(condition.neckline_wave)
         bends = tight_bends(measured.shape, measured.panels, target.strap_point)
         known = bool(spread[k].isfinite())
-        alternatives = Alternatives(
-            cup, wires.select(torch.tensor([k])), flat[k], changes[k], len(measured.shape.stations)
-        )
+        wire = wires.select(torch.tensor([k]))
+        alternatives = Alternatives(cup, wire, flat[k], changes[k], len(measured.shape.stations))
         figures = {
             "neckline_smoothing_mm": math.nan if line is None else line.smoothing,
             "outline_sd_mm": spread[k].item() if known else math.nan,
@@ -184,6 +185,7 @@ def _fit_together(
             seconds=0.0,
             alternatives=alternatives if known else (),
             conditions=asked[k],
+            wire=wire,
         )
         told = solution.warnings[row] if solution.warnings else ()
         results.append(_judged(fit, line, bends, won.cup, condition, told))
