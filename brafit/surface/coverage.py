@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from brafit.geometry.polyline import nearest_on
+from brafit.surface.neighbours import tree_of
 
 NEIGHBOURS = 16
 """Neighbours that bound a point's cell."""
@@ -64,7 +65,7 @@ def cell_areas(
         near = (away < reach) & (away > 0)
         alone[away == 0] = 0.5  # such a point is its own image: half of its cell lies outside
         every = np.concatenate([points, (2 * foot - points)[near]])
-    tree = KDTree(every)
+    tree = tree_of(every)
     angle = np.arange(RAYS) * (2 * np.pi / RAYS)
     rays = np.stack([np.cos(angle), np.sin(angle)])
     area = np.empty(len(points))
@@ -84,4 +85,4 @@ def cell_areas(
 def spacing_of(points: Float[np.ndarray, "n 3"]) -> float:
     """Typical distance of an evenly spread cloud's points to the nearest six."""
     count = min(7, len(points))
-    return float(np.median(np.asarray(KDTree(points).query(points, k=count)[0])[:, 1:].mean(axis=1)))
+    return float(np.median(np.asarray(tree_of(points).query(points, k=count)[0])[:, 1:].mean(axis=1)))
