@@ -68,7 +68,7 @@ def _lengths(
         np.array([(end.station, end.share) for end in ends])[alike],
     )
     lengths[0] = first.length
-    for k in np.flatnonzero(np.isnan(lengths)):
+    for k in np.flatnonzero(np.isnan(lengths)).tolist():
         own = replace(way(k), crossings=first.crossings) if alike[k] else way(k).straightest().shortest()
         lengths[k] = own.length
     return lengths
