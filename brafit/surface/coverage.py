@@ -76,8 +76,9 @@ def cell_areas(
         spread = offset - offset.mean(axis=1, keepdims=True)
         axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 1:]
         flat = offset @ axes
-        square = (flat**2).sum(axis=-1, keepdims=True)
-        bound = np.divide(2 * flat, square, out=np.zeros_like(flat), where=square > 0) @ rays
+        square = (flat[..., 0] ** 2 + flat[..., 1] ** 2)[..., None]
+        pull = np.divide(2 * flat, square, out=np.zeros_like(flat), where=square > 0)
+        bound = (pull.reshape(-1, 2) @ rays).reshape(*pull.shape[:2], RAYS)
         area[part] = (1 / np.maximum(bound.max(axis=1), 1 / max(reach, 1e-12)) ** 2).sum(axis=1)
     return area * alone * (np.pi / RAYS)
 
