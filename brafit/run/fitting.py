@@ -33,7 +33,8 @@ SURVEYED = 8
 def target_of(scan: Scan) -> Target:
     """What the fit is told of a scan: its points, marks and assumed places, and what each of them weighs."""
     target = _unweighted(scan)
-    return replace(target, weights=point_weights(target.seen, scan.curve))
+    spacing = None if len(scan.assumed) else scan.spacing
+    return replace(target, weights=point_weights(target.seen, scan.curve, spacing))
 
 
 def _unweighted(scan: Scan) -> Target:

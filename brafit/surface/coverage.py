@@ -22,7 +22,7 @@ _CHUNK = 8192
 
 
 def point_weights(
-    points: Float[np.ndarray, "n 3"], curve: Float[np.ndarray, "k 3"] | None = None
+    points: Float[np.ndarray, "n 3"], curve: Float[np.ndarray, "k 3"] | None = None, spacing: float | None = None
 ) -> Float[np.ndarray, " n"]:
     """The share of the surface that each point stands for; they sum to 1.
 
@@ -32,10 +32,11 @@ def point_weights(
     Args:
         points: in any unit, on a surface.
         curve: the closed curve that bounds the surface, if there is one.
+        spacing: of the points, from `spacing_of`, if it is known.
     """
     if len(points) <= NEIGHBOURS:
         return np.full(len(points), 1 / max(len(points), 1))
-    area = cell_areas(points, curve)
+    area = cell_areas(points, curve, spacing)
     median = float(np.median(area))
     if median == 0:
         return np.full(len(points), 1 / len(points))
@@ -44,7 +45,7 @@ def point_weights(
 
 
 def cell_areas(
-    points: Float[np.ndarray, "n 3"], curve: Float[np.ndarray, "k 3"] | None = None
+    points: Float[np.ndarray, "n 3"], curve: Float[np.ndarray, "k 3"] | None = None, spacing: float | None = None
 ) -> Float[np.ndarray, " n"]:
     """Areas of the cells into which points (more than NEIGHBOURS) divide the surface that they lie on.
 
@@ -52,7 +53,7 @@ def cell_areas(
     across it does not count. Along a direction u it ends at min |f|^2 / (2 f.u) over the neighbours at f, or at WIDE or
     OPEN spacings. The mirror images of points in the curve are neighbours too, so that cells end at the curve.
     """
-    reach = (OPEN if curve is None else WIDE) * spacing_of(points)
+    reach = (OPEN if curve is None else WIDE) * (spacing_of(points) if spacing is None else spacing)
     alone = np.ones(len(points))
     every = points
     if curve is not None:
