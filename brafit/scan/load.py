@@ -61,7 +61,7 @@ class Scan:
         notes: what the user should know of it.
         assumed: places on the surface that is assumed where the scan has no data, for the fit only.
         removed: what the cleaning took because it lies on no surface.
-        spacing: of the points, mm, where it is known (`brafit.surface.coverage.spacing_of`).
+        spacing: of the points, mm (`brafit.surface.coverage.spacing_of`); None: not known, as for other points.
         gap_share: share of the surface between wire and upper line without data; None without an upper line.
         confidence: how far landmarks can be trusted that nobody looked at; None for given ones.
         own_wire: the wire line that the scan has itself, where a wire of a size is laid instead.
