@@ -361,7 +361,9 @@ def _holed(path: Path, cut: Callable[[np.ndarray, Scan], np.ndarray]) -> Scan:
     whole = load_scan(path, points=None, outliers=None)
     kept = whole.points[~cut(whole.points, whole)]
     points = drawn(kept)
-    return replace(whole, points=points, dense=kept, assumed=gaps(points, kept, _there(whole.curve)).places)
+    return replace(
+        whole, points=points, dense=kept, assumed=gaps(points, kept, _there(whole.curve)).places, spacing=None
+    )
 
 
 def report_lines(folder: Path, _: Path) -> None:
