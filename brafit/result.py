@@ -21,6 +21,7 @@ from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
 from brafit.fitting import CupFit, Target
 from brafit.fitting.certainty import outline_deviation
+from brafit.fitting.result import Edges, Survey
 from brafit.landmarks import CupFrame
 from brafit.pattern import (
     Pattern,
@@ -35,7 +36,7 @@ from brafit.pattern import (
 )
 from brafit.pattern.writers import OTHER_FILES, WRITERS
 from brafit.report import cup_writers
-from brafit.report.dimensions import Dimension, dimension_deviation, dimensions
+from brafit.report.dimensions import Dimension, dimensions, survey_of
 from brafit.report.mesh import PanelMesh, mesh_view, panel_meshes
 from brafit.report.paper import PaperPanel, paper_gap, paper_panels
 from brafit.report.row import fitted_row
@@ -126,8 +127,19 @@ class Result:
     @cached_property
     def _dimensions(self) -> list[Dimension]:
         marks = (self.apex, self.target.strap_point)
-        deviation = dimension_deviation(self.fit, self.fit.alternatives, *marks)
-        return dimensions(self.fit, self.patterns(), *marks, deviation)
+        return dimensions(self.fit, self.patterns(), *marks, self._survey)
+
+    @cached_property
+    def _survey(self) -> Survey:
+        """Of the whole batch at once, or of this cup now."""
+        if self.fit.survey is not None:
+            return self.fit.survey
+        return survey_of(self.fit, self.fit.alternatives, self.apex, self.target.strap_point)
+
+    @property
+    def _outlines(self) -> Sequence[Edges]:
+        known = self._survey.outlines
+        return known or (outline_deviation(self.fit.panels, self.fit.alternatives) if self.fit.alternatives else ())
 
     def pictures(self) -> dict[str, bytes]:
         """PNG files: `patterns`, the finished pieces, and `fit`, cup and points from three sides."""
@@ -175,7 +187,7 @@ class Result:
             "warning_codes": [warning.code for warning in self.fit.warnings],
             "edges_mm": {piece.name: {line.name: line.length for line in piece.sew} for piece in pattern.pieces},
             "frame": {"origin": self.frame.origin, "axes": self.frame.axes},
-            "wire": wire_entry(self.target.wire),
+            "wire": wire_entry(self.fit.wire or Wire.from_polyline(self.target.wire)),
             "parameters": self.fit.parameters,
             "conditions": self.fit.conditions,
             "choice": self.fit.choice,
@@ -244,9 +256,7 @@ class Result:
             pattern=self.patterns(),
             drawing=self._drawing,
             dimensions=self.dimensions(),
-            band=(self.pieces, outline_deviation(self.fit.panels, self.fit.alternatives))
-            if self.fit.alternatives
-            else None,
+            band=(self.pieces, outlines) if (outlines := self._outlines) else None,
             sources=self.sources,
             files=[*files, "fit.json"],
             warnings=[*map(str, (*self.fit.warnings, *self.patterns().warnings))],
@@ -258,13 +268,8 @@ class Result:
         return [folder / "report.html", folder / "thumbnail.png"]
 
 
-def wire_entry(line: Float[ndarray, "k 3"]) -> dict[str, Any]:
-    """The smooth wire of a fit as fit.json has it: with the parameters it makes the cup again.
-
-    Args:
-        line: the given wire line, cup frame, mm.
-    """
-    wire = Wire.from_polyline(line)
+def wire_entry(wire: Wire) -> dict[str, Any]:
+    """The smooth wire of a fit (one, no more) as fit.json has it: with the parameters it makes the cup again."""
     return {"mm_per_unit": float(wire.scale), "series": wire.coefficients[0].numpy().round(15)}
 
 

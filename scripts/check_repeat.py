@@ -38,6 +38,7 @@ from brafit.fitting.result import ResultCode
 from brafit.geometry.development import FlatPanel
 from brafit.geometry.polyline import distances, evenly_spaced
 from brafit.report.dimensions import piece_dimensions
+from brafit.report.measures import Cups
 from brafit.run.fitting import target_of
 from brafit.run.recipe import Recipe, recipe_of
 from brafit.scan import Scan, find_scans, load_scan
@@ -122,7 +123,7 @@ def rescans_fitted(
 
 def dimensions(cuts: Sequence[Cut]) -> dict[str, np.ndarray]:
     """The dimensions of every cup's pieces as reports have them (mm; areas cm2), and its depth."""
-    found = {", ".join(key): values for key, values in piece_dimensions(cuts).items()}
+    found = {", ".join(key): values for key, (values,) in piece_dimensions(Cups.of([cuts])).items()}
     return found | {"depth": np.array([float(cut.shape.edges[..., 2].max()) for cut in cuts])}
 
 

@@ -138,7 +138,7 @@ def report_missing(folder: Path, _: Path) -> None:
         near = KDTree(own.dense).query(whole.points)[0] < 3.0
         kept = drawn(whole.points[near])
         assumed = gaps(kept, own.dense, _there(scan.curve)).places
-        cut.append((replace(scan, points=kept, dense=own.dense, assumed=assumed), 1 - float(near.mean())))
+        cut.append((replace(scan, points=kept, dense=own.dense, assumed=assumed, spacing=None), 1 - float(near.mean())))
     for panels in PANELS:
         fits = fitted([target_of(scan) for scan in (*clean, *(scan for scan, _ in cut))], panels)
         for (scan, share), best, own in zip(cut, fits[: len(cut)], fits[len(cut) :], strict=True):
@@ -361,7 +361,9 @@ def _holed(path: Path, cut: Callable[[np.ndarray, Scan], np.ndarray]) -> Scan:
     whole = load_scan(path, points=None, outliers=None)
     kept = whole.points[~cut(whole.points, whole)]
     points = drawn(kept)
-    return replace(whole, points=points, dense=kept, assumed=gaps(points, kept, _there(whole.curve)).places)
+    return replace(
+        whole, points=points, dense=kept, assumed=gaps(points, kept, _there(whole.curve)).places, spacing=None
+    )
 
 
 def report_lines(folder: Path, _: Path) -> None:

@@ -33,7 +33,7 @@ def write_fit(folder: Path, cup: StripsCup, line: np.ndarray, side: str = "left"
     """A scan's folder as a run leaves it, as far as sizes ask for it."""
     named = {name: value[0] for name, value in cup.split(cup.flatten().detach()).items()}
     row = {"scan": folder.name, "status": "ok", "side": side, "nearest_wire": "orange:32"}
-    extra = {"wire": wire_entry(line), "parameters": named, "settings": SETTINGS}
+    extra = {"wire": wire_entry(Wire.from_polyline(line)), "parameters": named, "settings": SETTINGS}
     dimensions = [["cup", "wire", float(cup.wire.length), "mm", None]]
     write_fit_json(folder / "fit.json", row, extra | {"pattern": {"dimensions": dimensions}} | more)
 

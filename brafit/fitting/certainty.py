@@ -19,7 +19,7 @@ nodes of the fit.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import overload
 
@@ -31,10 +31,10 @@ from torch import Tensor
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
-from brafit.fitting.measure import in_millimetres
 from brafit.fitting.normal import PointRows, Points, assembled, slices
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.pulls import Pulls
+from brafit.fitting.result import Edges
 from brafit.fitting.stiffness import bends, creases, softened, spanned
 from brafit.geometry.developable import dot
 from brafit.geometry.development import FlatPanel
@@ -92,21 +92,40 @@ class Alternatives(Sequence[Alternative]):
         return self._made[index]
 
     @cached_property
-    @torch.no_grad()
     def _made(self) -> tuple[Alternative, ...]:
-        cup = self._cup(self._wire)
-        while len(cup.stations) < self._stations:
-            cup = cup.refined()
-        cups = cup.select(torch.zeros(len(self), dtype=torch.long))
-        shape = in_millimetres(cups.shape_of(self._flat + self._changes), self._wire.scale.item())
-        flat = shape.flat()
+        shape, flat = shapes_of([self])
+        scale = self._wire.scale.item()
+        shape = replace(shape, stations=shape.stations * scale, tangents=shape.tangents / scale)
         return tuple(
             Alternative(
-                shape.map(lambda v, i=i: v[i]),
-                [FlatPanel(*edges) for edges in zip(flat.lower[i], flat.upper[i], strict=True)],
+                shape.map(lambda v, i=i: v[0, i]),
+                [FlatPanel(*edges) for edges in zip(flat.lower[0, i], flat.upper[0, i], strict=True)],
             )
             for i in range(len(self))
         )
+
+
+@torch.no_grad()
+def shapes_of(several: Sequence[Alternatives]) -> tuple[CupShape, FlatPanel]:
+    """The alternatives of several fits, made at once, which takes half the time: their shapes, mm, by stations in
+    solver units, and their panels laid flat, with dimensions of fits and of alternatives before all others.
+
+    Args:
+        several: of fits with one cup model, as many stations and as many alternatives each.
+    """
+    first = several[0]
+    cup = first._cup(Wire.stack([one._wire for one in several]))
+    while len(cup.stations) < first._stations:
+        cup = cup.refined()
+    cups = cup.select(torch.arange(len(several)).repeat_interleave(len(first)))
+    shape = cups.shape_of(torch.cat([one._flat + one._changes for one in several]))
+    flat, scale = shape.flat(), cups.wire.scale
+    panels = (edges * scale[:, None, None, None] for edges in (flat.lower, flat.upper))
+
+    def by_fit(values: Tensor) -> Tensor:
+        return values.unflatten(0, (len(several), len(first)))
+
+    return shape.scaled(scale).map(by_fit), FlatPanel(*map(by_fit, panels))
 
 
 @torch.no_grad()
@@ -277,9 +296,7 @@ def _across(
     return (moved * across.conj()[..., None, :, :, :]).real.square().sum(-4).sqrt()
 
 
-def outline_deviation(
-    panels: Sequence[FlatPanel], alternatives: Sequence[Alternative]
-) -> list[tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]]:
+def outline_deviation(panels: Sequence[FlatPanel], alternatives: Sequence[Alternative]) -> list[Edges]:
     """Standard deviation (mm) of the place of every piece's edges, across them, at the stations: for each panel of the
     lower and of the upper edge. Alternatives are laid on the fit's piece as a rigid motion fits best.
 
@@ -290,13 +307,24 @@ def outline_deviation(
     if not alternatives:
         none = np.zeros(len(panels[0].lower))
         return [(none, none)] * len(panels)
-    own, *others = (
-        _complex(FlatPanel(*(torch.stack([getattr(panel, name) for panel in pieces]) for name in ("lower", "upper"))))
+    flat = [
+        torch.stack([torch.stack((panel.lower, panel.upper)) for panel in pieces])
         for pieces in (panels, *(alternative.panels for alternative in alternatives))
-    )
-    even = own.real.new_full(own.shape[-1:], 1 / own.shape[-1])
-    (tangent,) = torch.gradient(own, dim=-1)
-    return [(lower, upper) for lower, upper in _across(own, torch.stack(others), tangent, even).numpy()]
+    ]
+    return outline_deviations(torch.stack(flat)[None])[0]
+
+
+def outline_deviations(flat: Float[Tensor, "fits each panels 2 n 2"]) -> list[list[Edges]]:
+    """`outline_deviation` of several fits, for each panel of each.
+
+    Args:
+        flat: the edges of the panels of each fit's own cup, then of its alternatives, mm.
+    """
+    every = torch.view_as_complex(flat.contiguous())
+    even = every.real.new_full(every.shape[-1:], 1 / every.shape[-1])
+    (tangent,) = torch.gradient(every[:, 0], dim=-1)
+    found = _across(every[:, 0], every[:, 1:], tangent, even).numpy()
+    return [[(lower, upper) for lower, upper in own] for own in found]
 
 
 def _complex(flat: FlatPanel) -> Complex[Tensor, "*batch panels 2 n"]:

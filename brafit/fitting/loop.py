@@ -31,7 +31,7 @@ from brafit.fitting.measure import (
 )
 from brafit.fitting.neckline import Neckline
 from brafit.fitting.objective import APEX, SEAM_LIMIT, Conditions, Objective, Pressure
-from brafit.fitting.result import ResultCode
+from brafit.fitting.result import ResultCode, Survey
 from brafit.fitting.shards import in_shards
 from brafit.fitting.solver import Callback, Solution, Solver
 from brafit.fitting.start import nearest_ridges, start_cups
@@ -79,6 +79,8 @@ class CupFit:
         notes: what was found out by fitting, such as what one more panel would bring.
         choice: the same as numbers, for fit.json.
         uncovered_share: share of the cup without data near it (`brafit.report.uncovered`); nan: nobody measured it.
+        survey: what is measured of it and its alternatives, where that was done for a whole batch.
+        wire: the smooth wire that the cup lies on; None: not known.
     """
 
     name: str
@@ -97,6 +99,8 @@ class CupFit:
     notes: tuple[Remark, ...] = ()
     choice: Mapping[str, Any] = field(default_factory=dict)
     uncovered_share: float = float("nan")
+    survey: Survey | None = None
+    wire: Wire | None = None
 
 
 def fit_targets(
@@ -161,9 +165,8 @@ def _fit_together(
         line = target.smooth_neckline(condition.neckline_wave)
         bends = tight_bends(measured.shape, measured.panels, target.strap_point)
         known = bool(spread[k].isfinite())
-        alternatives = Alternatives(
-            cup, wires.select(torch.tensor([k])), flat[k], changes[k], len(measured.shape.stations)
-        )
+        wire = wires.select(torch.tensor([k]))
+        alternatives = Alternatives(cup, wire, flat[k], changes[k], len(measured.shape.stations))
         figures = {
             "neckline_smoothing_mm": math.nan if line is None else line.smoothing,
             "outline_sd_mm": spread[k].item() if known else math.nan,
@@ -182,6 +185,7 @@ def _fit_together(
             seconds=0.0,
             alternatives=alternatives if known else (),
             conditions=asked[k],
+            wire=wire,
         )
         told = solution.warnings[row] if solution.warnings else ()
         results.append(_judged(fit, line, bends, won.cup, condition, told))

@@ -1,8 +1,32 @@
-"""How a fit ended."""
+"""How a fit ended, and what is measured of it."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
+
+from jaxtyping import Float
+from numpy import ndarray
+
+Edges = tuple[Float[ndarray, " n"], Float[ndarray, " n"]]
+"""Numbers at the stations of a panel's lower and upper edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What is measured of a cup and its alternatives (`brafit.report.dimensions`).
+
+    Attributes:
+        taped: lengths over the surface, mm, by their names; without those that the cup does not have.
+        deviation: standard deviations of dimensions by part and name, mm or cm2; none without alternatives.
+        outlines: standard deviations (mm) of the places of each panel's edges, see
+            `brafit.fitting.certainty.outline_deviation`; none where nobody asked for them.
+    """
+
+    taped: Mapping[str, float]
+    deviation: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    outlines: Sequence[Edges] = ()
 
 
 class ResultCode(Enum):

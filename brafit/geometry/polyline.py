@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from jaxtyping import Float, Int
+
+_TOGETHER = 256
+"""Points whose places on all segments are looked at together, few enough for the processor's cache."""
 
 
 def polyline_length(line: Float[np.ndarray, "k d"]) -> float:
@@ -71,12 +72,14 @@ def nearest_on(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "k 3"])
         points: in the unit of the line.
         line: corners of the polyline.
     """
-    best, foot = np.full(len(points), np.inf), np.zeros_like(points)
-    for a, b in itertools.pairwise(line):
-        step = b - a
-        share = np.clip((points - a) @ step / max(float(step @ step), 1e-30), 0, 1)
-        place = a + share[:, None] * step
-        square = ((points - place) ** 2).sum(axis=1)
-        nearer = square < best
-        best[nearer], foot[nearer] = square[nearer], place[nearer]
+    start, step, foot = line[:-1], np.diff(line, axis=0), np.empty_like(points)
+    length = np.maximum([float(along @ along) for along in step], 1e-30)[:, None]
+    for first in range(0, len(points), _TOGETHER):
+        some = points[first : first + _TOGETHER]
+        share = np.clip(((some - start[:, None]) @ step[..., None])[..., 0] / length, 0, 1)
+        # component by component, which runs along memory
+        places = [a[:, None] + share * along[:, None] for a, along in zip(start.T, step.T, strict=True)]
+        x, y, z = (own - place for own, place in zip(some.T, places, strict=True))
+        nearest = (x * x + y * y + z * z).argmin(axis=0)[None]
+        foot[first : first + _TOGETHER] = np.stack([np.take_along_axis(p, nearest, axis=0)[0] for p in places], axis=1)
     return foot

@@ -46,6 +46,9 @@ class Curve:
 
     controls: Float[ndarray, "arcs 4 2"]
 
+    def __getstate__(self) -> dict[str, object]:
+        return {"controls": self.controls}  # what follows of them is not sent or kept
+
     @staticmethod
     def line(*points: tuple[float, float] | Float[ndarray, "2"]) -> Curve:
         """Straight from point to point: an arc each, corners between them."""
@@ -121,6 +124,16 @@ class Curve:
 
     def polyline(self, tolerance: float = 0.02) -> Float[ndarray, "n 2"]:
         """Points whose chords stay within `tolerance` of the curve; corners between arcs are among them."""
+        if tolerance not in self._polylines:
+            self._polylines[tolerance] = self._drawn(tolerance)
+        return self._polylines[tolerance]
+
+    @cached_property
+    def _polylines(self) -> dict[float, Float[ndarray, "_ 2"]]:
+        """Those that have been asked for: outlines, texts and files ask for the same ones."""
+        return {}
+
+    def _drawn(self, tolerance: float) -> Float[ndarray, "n 2"]:
         bend = np.linalg.norm(np.diff(self.controls, 2, axis=1), axis=2).max(1)
         counts = np.maximum(1, np.ceil(np.sqrt(0.75 * bend / tolerance)).astype(int))
         k = np.repeat(np.arange(len(counts)), counts)

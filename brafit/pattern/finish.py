@@ -158,8 +158,7 @@ class Pattern:
     @property
     def drawn(self) -> tuple[tuple[CutPiece, ...], ...]:
         """The columns that files show: these pieces and, if asked for, the other side's."""
-        mirrored = tuple(piece.mirrored() for piece in self.pieces)
-        return (self.pieces, mirrored) if self.options.pair else (self.pieces,)
+        return (self.pieces, tuple(piece.mirrored() for piece in self.pieces)) if self.options.pair else (self.pieces,)
 
     @property
     def reshaped(self) -> bool:

@@ -65,7 +65,7 @@ def _tensor(point: Float[ndarray, "3"]) -> torch.Tensor:
 def nearest_on_edge(shape: CupShape, edge: int, point: Float[ndarray, "3"]) -> tuple[float, float]:
     """Distance from an edge, and the place on it as a real-valued index of the stations."""
     x, v = (tensor.detach().cpu().double().numpy() for tensor in (shape.edges[edge], shape.tangents[edge]))
-    away, station = nearest_on_curves(x[None], v[None], shape.stations.cpu().double().numpy(), point)
+    away, station = nearest_on_curves(x[None], v[None], shape.stations.cpu().double().numpy(), point[None])
     return float(away[0]), float(station[0])
 
 
@@ -73,18 +73,18 @@ def nearest_on_curves(
     x: Float[ndarray, "curves n 3"],
     v: Float[ndarray, "curves n 3"],
     stations: Float[ndarray, " n"],
-    point: Float[ndarray, "3"],
+    point: Float[ndarray, "#curves 3"],
 ) -> tuple[Float[ndarray, " curves"], Float[ndarray, " curves"]]:
-    """Distances of a point from curves, and the places on them as real-valued indices of the stations.
+    """Distances of points from curves, and the places on them as real-valued indices of the stations.
 
     Args:
         x: samples of the curves.
         v: the derivatives there by the station.
         stations: of the samples.
-        point: anywhere.
+        point: of each curve, or of all; anywhere.
     """
     rows, last = np.arange(len(x))[:, None], x.shape[1] - 2
-    k = np.linalg.norm(x - point, axis=2).argmin(1)
+    k = np.linalg.norm(x - point[:, None], axis=2).argmin(1)
     i = np.stack((np.maximum(k - 1, 0), np.minimum(k, last)), axis=1)  # the arcs on both sides of the nearest sample
     h = np.diff(stations)[i][..., None, None]
     start, end, slope, goal = (
@@ -97,7 +97,7 @@ def nearest_on_curves(
         t = at[..., None]  # a cubic Hermite arc between stations, as everywhere
         arc = (2 * t**3 - 3 * t**2 + 1) * start + (3 * t**2 - 2 * t**3) * end
         arc = arc + h * ((t**3 - 2 * t**2 + t) * slope + (t**3 - t**2) * goal)
-        away = np.linalg.norm(arc - point, axis=3)
+        away = np.linalg.norm(arc - point[:, None, None], axis=3)
         j = away.argmin(2)[..., None]
         found, where = np.take_along_axis(away, j, 2)[..., 0], i + np.take_along_axis(at, j, 2)[..., 0]
         nearer = found < best

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +11,10 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from brafit.cup.names import edge_names, panel_names
+from brafit.fitting.certainty import outline_deviations
+from brafit.fitting.result import Survey
 from brafit.pattern.finish import Pattern
-from brafit.report.measures import Fitted, over_surface
+from brafit.report.measures import Cups, Fitted, over_surface
 from brafit.underwires.nearest import wanted_wire
 
 Key = tuple[str, str]
@@ -57,7 +59,7 @@ def dimensions(
     pattern: Pattern,
     apex: Float[ndarray, "3"],
     strap_point: Float[ndarray, "3"] | None = None,
-    deviation: Mapping[Key, float] | None = None,
+    survey: Survey | None = None,
 ) -> list[Dimension]:
     """Edges, widths and areas of the pieces; depth and apex distances (straight) of the cup; measures over its surface.
 
@@ -66,8 +68,9 @@ def dimensions(
         pattern: its finished pieces; with ease, their lengths are those to cut, not those worn.
         apex: bust point, cup frame.
         strap_point: cup frame, mm; None: there is none, and no distance from it.
-        deviation: from `dimension_deviation`.
+        survey: of the cup and its alternatives; None: it is made, of the cup alone.
     """
+    known = survey_of(fit, [], apex, strap_point) if survey is None else survey
     found: dict[Key, float] = {}
     for piece in pattern.pieces:
         found |= {(piece.name, line.name): line.length for line in piece.sew}
@@ -82,56 +85,76 @@ def dimensions(
     if wire["play"] or wire["spring"]:
         length, span = wanted_wire(_numbers(fit.shape.edges[0]), wire["play"], wire["spring"])
         found |= {(CUP, "wire wanted, length"): length, (CUP, "wire wanted, end to end when not worn"): span}
-    taped = over_surface([fit], apex, strap_point)
-    found |= {(SURFACE, name): float(value[0]) for name, value in taped.items() if np.isfinite(value[0])}
-    known = deviation or {}
+    found |= {(SURFACE, name): value for name, value in known.taped.items()}
     return [
-        Dimension(part, name, float(value), "cm2" if name.startswith("area") else "mm", known.get((part, name)))
+        Dimension(
+            part, name, float(value), "cm2" if name.startswith("area") else "mm", known.deviation.get((part, name))
+        )
         for (part, name), value in found.items()
     ]
 
 
-def dimension_deviation(
+def survey_of(
     fit: Fitted,
     alternatives: Sequence[Fitted],
     apex: Float[ndarray, "3"],
     strap_point: Float[ndarray, "3"] | None = None,
-) -> dict[Key, float]:
-    """Standard deviation of every dimension of pieces and cup, before ease and stretch; empty without alternatives
-    (`brafit.fitting.certainty`).
+) -> Survey:
+    """`surveys` of one fit.
 
     Args:
         fit: the cup.
-        alternatives: cups a standard deviation away, in all directions that are kept.
+        alternatives: cups a standard deviation away, in all directions that are kept (`brafit.fitting.certainty`).
         apex: bust point, cup frame, mm.
         strap_point: cup frame, mm, or None.
     """
-    if not alternatives:
-        return {}
-    cups = [fit, *alternatives]
-    edges = _numbers(torch.stack([cup.shape.edges for cup in cups]))
-    measured = {(CUP, name): value for name, value in _of_cup(edges, apex).items()}
-    pieces = piece_dimensions(cups)
-    measured |= pieces
-    measured[CUP, PANELS_AREA] = np.sum([value for (_, name), value in pieces.items() if name == "area"], axis=0)
-    measured |= {(SURFACE, name): values for name, values in over_surface(cups, apex, strap_point).items()}
-    spread = {key: float(np.sqrt(np.sum((values[1:] - values[0]) ** 2))) for key, values in measured.items()}
-    return {key: value for key, value in spread.items() if np.isfinite(value)}
+    strap = None if strap_point is None else strap_point[None]
+    return surveys(Cups.of([[fit, *alternatives]]), apex[None], strap)[0]
 
 
-def piece_dimensions(cups: Sequence[Fitted]) -> dict[Key, Float[ndarray, " cups"]]:
-    """Edges, widths and heights (mm) and areas (cm2) of the pieces of every cup, before ease and stretch.
+def surveys(
+    cups: Cups,
+    apex: Float[ndarray, "fits 3"],
+    strap_point: Float[ndarray, "fits 3"] | None = None,
+    outlines: bool = False,
+) -> list[Survey]:
+    """Measures over the surface of each fit's own cup, and standard deviations of every dimension of pieces and cup,
+    before ease and stretch.
 
     Args:
-        cups: with as many panels each.
+        cups: each fit's own, then its alternatives.
+        apex: bust points, cup frame, mm.
+        strap_point: cup frame, mm, or None.
+        outlines: whether those of the outlines are wanted too.
     """
-    count = len(cups[0].panels)
+    taped, over = over_surface(cups, apex, strap_point)
+    pieces = piece_dimensions(cups)
+    varied = {(CUP, name): value for name, value in _of_cup(_numbers(cups.edges), apex[:, None]).items()} | pieces
+    varied[CUP, PANELS_AREA] = np.sum([value for (_, name), value in pieces.items() if name == "area"], axis=0)
+    varied |= {(SURFACE, name): values for name, values in over.items()}
+    several = cups.edges.shape[1] > 1
+    spread = {
+        key: np.sqrt(np.sum((values[:, 1:] - values[:, :1]) ** 2, axis=1)) for key, values in varied.items() if several
+    }
+    bands = outline_deviations(cups.flat) if outlines and several else [[] for _ in apex]
+    return [
+        Survey(
+            {name: float(values[k]) for name, values in taped.items() if np.isfinite(values[k])},
+            {key: float(values[k]) for key, values in spread.items() if np.isfinite(values[k])},
+            bands[k],
+        )
+        for k in range(len(apex))
+    ]
+
+
+def piece_dimensions(cups: Cups) -> dict[Key, Float[ndarray, "fits each"]]:
+    """Edges, widths and heights (mm) and areas (cm2) of the pieces of every cup, before ease and stretch."""
+    fits, each, count = cups.flat.shape[:3]
     seams, measured = edge_names(count), {}
     for i, name in enumerate(panel_names(count)):
-        flat = torch.stack([torch.stack((cup.panels[i].lower, cup.panels[i].upper)) for cup in cups])
-        sizes = _of_flat(_numbers(flat))
-        measured |= {(name, seams[i]): sizes.pop("lower"), (name, seams[i + 1]): sizes.pop("upper")}
-        measured |= {(name, key): value for key, value in sizes.items()}
+        sizes = _of_flat(_numbers(cups.flat[:, :, i].flatten(0, 1)))
+        own = {seams[i]: sizes.pop("lower"), seams[i + 1]: sizes.pop("upper"), **sizes}
+        measured |= {(name, key): value.reshape(fits, each) for key, value in own.items()}
     return measured
 
 
@@ -154,7 +177,9 @@ def _of_flat(edges: Float[ndarray, "cups 2 n 2"]) -> dict[str, Float[ndarray, " 
     return {"lower": lengths[:, 0], "upper": lengths[:, 1], **sizes}
 
 
-def _of_cup(edges: Float[ndarray, "cups e n 3"], apex: Float[ndarray, "3"]) -> dict[str, Float[ndarray, " cups"]]:
+def _of_cup(
+    edges: Float[ndarray, "*cups e n 3"], apex: Float[ndarray, "*#cups 3"]
+) -> dict[str, Float[ndarray, "*cups"]]:
     """Span, depth, and straight distances from the apex, mm."""
     wire, upper = edges[..., 0, :, :], edges[..., -1, :, :]
     inner, outer = wire[..., 0, :], wire[..., -1, :]
@@ -168,5 +193,5 @@ def _of_cup(edges: Float[ndarray, "cups e n 3"], apex: Float[ndarray, "3"]) -> d
         "wire span (end to end)": np.linalg.norm(outer - inner, axis=-1),
         DEPTH: edges[..., 2].max((-2, -1)),
         **{f"apex to {name}": np.linalg.norm(place - apex, axis=-1) for name, place in places.items()},
-        "apex to nearest point of the upper edge": np.linalg.norm(upper - apex, axis=-1).min(-1),
+        "apex to nearest point of the upper edge": np.linalg.norm(upper - apex[..., None, :], axis=-1).min(-1),
     }

@@ -8,23 +8,22 @@ it does not meet an edge. Down is the wire's down: in the wire's plane, at right
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.interpolate import CubicSpline, PPoly
-from scipy.optimize import minimize
+from torch import Tensor
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.development import FlatPanel
-from brafit.geometry.nearest import Feet, nearest_feet, surface_points
-from brafit.geometry.polyline import polyline_length
+from brafit.geometry.nearest import nearest_feet, surface_points
+from brafit.geometry.spline import between, running_lengths, slopes
 from brafit.pattern.marks import nearest_on_curves
 from brafit.report.sections import sections
+from brafit.report.taut import taut_lengths
 
 WIRE, DOWN, UP = "wire line", "apex straight down to the wire", "upper cup depth (apex straight up)"
 VERTICAL, HORIZONTAL = "vertical over the apex", "horizontal over the apex"
@@ -34,9 +33,14 @@ NECKLINE, UNDERARM, UPPER = (
     "neckline",
 )
 STRAP = "strap point to apex"
+_ORDER = (WIRE, UPPER, NECKLINE, UNDERARM, STRAP, DOWN, UP, VERTICAL, HORIZONTAL)
 _STRIPS = 4
 """Rows of triangles across a panel, for sections: the rulings are straight."""
 _X, _Y = 0, 1
+
+
+def _double(values: Tensor) -> Tensor:
+    return values.detach().cpu().double()
 
 
 class Fitted(Protocol):
@@ -49,71 +53,97 @@ class Fitted(Protocol):
     def panels(self) -> Sequence[FlatPanel]: ...
 
 
-@dataclass(frozen=True)
-class Place:
-    """A place on a cup: its panel, the station as a real-valued index, and the share of the ruling from below."""
+@dataclass(frozen=True, eq=False)
+class Cups:
+    """Fits and, of each, as many other cups, all with as many panels and stations; cup frame, mm.
 
-    panel: int
-    station: float
-    share: float
+    Attributes:
+        edges: of every cup; the first of each fit is its own.
+        tangents: derivatives of the edges by the stations.
+        stations: of the samples, as shares of the wire.
+        flat: lower and upper edges of the flat panels.
+    """
+
+    edges: Float[Tensor, "fits each edges n 3"]
+    tangents: Float[Tensor, "fits each edges n 3"]
+    stations: Float[Tensor, " n"]
+    flat: Float[Tensor, "fits each panels 2 n 2"]
+
+    @staticmethod
+    def of(fits: Sequence[Sequence[Fitted]]) -> Cups:
+        """Those of each fit, its own first; no batch dimensions."""
+        every = [cup for cups in fits for cup in cups]
+        tangents = [_double(cup.shape.tangents) * float(cup.shape.stations[-1]) for cup in every]
+        flat = [torch.stack([torch.stack((panel.lower, panel.upper)) for panel in cup.panels]) for cup in every]
+        edges, tangents, flat = (
+            torch.stack([_double(value) for value in values]).unflatten(0, (len(fits), -1))
+            for values in ([cup.shape.edges for cup in every], tangents, flat)
+        )
+        stations = _double(every[0].shape.stations)
+        return Cups(edges, tangents, stations / float(stations[-1]), flat)
+
+    @staticmethod
+    def varied(shape: CupShape, flat: FlatPanel) -> Cups:
+        """Alternatives, see `brafit.fitting.certainty.shapes_of`."""
+        stations = _double(shape.stations)
+        length = float(stations[-1])
+        edges = torch.stack((_double(flat.lower), _double(flat.upper)), dim=-3)
+        return Cups(_double(shape.edges), _double(shape.tangents) * length, stations / length, edges)
+
+    def beside(self, others: Cups) -> Cups:
+        """Each fit's cups, then its others."""
+        pairs = ((getattr(self, name), getattr(others, name)) for name in ("edges", "tangents", "flat"))
+        edges, tangents, flat = (torch.cat(pair, dim=1) for pair in pairs)
+        return Cups(edges, tangents, self.stations, flat)
+
+
+Taped = dict[str, Float[ndarray, " fits"]]
+Varied = dict[str, Float[ndarray, "fits each"]]
 
 
 def over_surface(
-    cups: Sequence[Fitted], apex: Float[ndarray, "3"], strap_point: Float[ndarray, "3"] | None = None
-) -> dict[str, Float[ndarray, " cups"]]:
-    """Measures of cups with as many panels and stations each, mm; nan where a section does not leave the cup.
+    cups: Cups, apex: Float[ndarray, "fits 3"], strap_point: Float[ndarray, "fits 3"] | None = None
+) -> tuple[Taped, Varied]:
+    """Measures of the fits' own cups, and of all, mm; nan where a section does not leave the cup. Between cups of a fit
+    they are to be compared: where there are several they are of every other station, of which the sections hardly
+    differ.
 
     Args:
-        cups: cup frame, mm, no batch dimension.
-        apex: bust point; the measures begin at the cup's nearest point.
+        cups: of the fits.
+        apex: bust points; the measures begin at the cup's nearest point.
         strap_point: where the strap is sewn on; it counts as its nearest place on the upper edge.
     """
-    edges = torch.stack([cup.shape.edges.detach().cpu().double() for cup in cups])
-    tangents = torch.stack([cup.shape.tangents.detach().cpu().double() for cup in cups])
-    stations = cups[0].shape.stations.cpu().double()
-    point = torch.as_tensor(apex, dtype=torch.float64).expand(len(cups), 1, 3)
-    feet = nearest_feet(point, edges, tangents, stations)
-    at = surface_points(edges, tangents, stations, feet)[:, 0].numpy()
+    fits, each = cups.edges.shape[:2]
+
+    def every(places: Float[ndarray, "fits 3"]) -> Float[ndarray, "cups 3"]:
+        return np.repeat(np.asarray(places, float), each, axis=0)
+
+    edges, tangents = cups.edges.flatten(0, 1), cups.tangents.flatten(0, 1)
+    feet = nearest_feet(torch.from_numpy(every(apex))[:, None], edges, tangents, cups.stations)
+    at = surface_points(edges, tangents, cups.stations, feet)[:, 0].numpy()
     numbers = edges.numpy()
-    # how cups differ shows on every other station as well
-    grids = _grids(numbers[:, :, :: 2 if len(cups) > 1 and numbers.shape[2] % 2 else 1])
-    down, up = sections(grids, at, _Y)
-    level = np.add(*sections(grids, at, _X))
-    wires, uppers = _along(numbers[:, 0]), _along(numbers[:, -1])
-    found = {WIRE: wires[:, -1]}
+    coarse = each > 1 and numbers.shape[2] % 2 == 1
+    found = _sections(numbers[:, :, :: 2 if coarse else 1], at)
+    fine = _sections(numbers[::each], at[::each]) if coarse else {}
+    wires, uppers = running_lengths(numbers[:, 0]), running_lengths(numbers[:, -1])
+    found[WIRE] = wires[:, -1]
     if strap_point is None:
         found[UPPER] = uppers[:, -1]
     else:
-        _, straps = nearest_on_curves(numbers[:, -1], tangents[:, -1].numpy(), stations.numpy(), strap_point)
-        before = np.diagonal(CubicSpline(np.arange(uppers.shape[1]), uppers, axis=1)(straps))
+        x, v = numbers[:, -1], tangents[:, -1].numpy()
+        _, straps = nearest_on_curves(x, v, cups.stations.numpy(), every(strap_point))
+        so_far = uppers[..., None]
+        before = between(so_far, slopes(so_far), straps)[:, 0]
         found |= {NECKLINE: before, UNDERARM: uppers[:, -1] - before}
-        found[STRAP] = _taut(cups, straps.tolist(), feet)
-    return found | {DOWN: down, UP: up, VERTICAL: down + up, HORIZONTAL: level}
+        found[STRAP] = taut_lengths(cups.flat.numpy(), straps.reshape(fits, each), feet).ravel()
+    varied = {name: found[name].reshape(fits, each) for name in _ORDER if name in found}
+    return {name: values[:, 0] if name not in fine else fine[name] for name, values in varied.items()}, varied
 
 
-def _taut(cups: Sequence[Fitted], straps: Sequence[float], feet: Feet) -> Float[ndarray, " cups"]:
-    """Of the first cup the shortest way from strap point to apex; of the others, which are nearly that cup, the way
-    that crosses the ridges at the same stations: it is longer than the shortest only to second order."""
-    top, ways = len(cups[0].panels) - 1, []
-    for i, (flats, station) in enumerate(zip(flat_curves([cup.panels for cup in cups]), straps, strict=True)):
-        way = Way.between(flats, Place(top, station, 1.0), _place(feet, i))
-        alike = bool(ways) and way.end.panel == ways[0].end.panel
-        ways.append(replace(way, crossings=ways[0].crossings) if alike else way.straightest().shortest())
-    return np.array([way.length for way in ways])
-
-
-def _place(feet: Feet, i: int) -> Place:
-    station = float(feet.interval[i, 0]) + float(feet.tau[i, 0])
-    return Place(int(feet.panel[i, 0]), station, float(feet.u[i, 0]))
-
-
-def _along(curves: Float[ndarray, "cups n 3"]) -> Float[ndarray, "cups n"]:
-    """Lengths from the first sample to each, of the smooth curves through the samples."""
-    slope = CubicSpline(np.arange(curves.shape[1]), curves, axis=1).derivative()
-    nodes, weights = np.polynomial.legendre.leggauss(6)
-    at = np.arange(curves.shape[1] - 1)[:, None] + (nodes + 1) / 2
-    steps = np.linalg.norm(slope(at), axis=-1) @ weights / 2
-    return np.concatenate((np.zeros((len(curves), 1)), np.cumsum(steps, axis=1)), axis=1)
+def _sections(edges: Float[ndarray, "cups e n 3"], at: Float[ndarray, "cups 3"]) -> dict[str, Float[ndarray, " cups"]]:
+    grids = _grids(edges)
+    down, up = sections(grids, at, _Y)
+    return {DOWN: down, UP: up, VERTICAL: down + up, HORIZONTAL: np.add(*sections(grids, at, _X))}
 
 
 # Sections
@@ -124,158 +154,3 @@ def _grids(edges: Float[ndarray, "cups e n 3"]) -> Float[ndarray, "cups rows n 3
     share = np.arange(_STRIPS)[None, None, :, None, None] / _STRIPS
     rows = (1 - share) * edges[:, :-1, None] + share * edges[:, 1:, None]
     return np.concatenate((rows.reshape(len(edges), -1, *edges.shape[2:]), edges[:, -1:]), axis=1)
-
-
-# The taut tape
-
-
-@dataclass(frozen=True)
-class Way:
-    """A way over a cup from a place down to another that crosses each panel between them once.
-
-    In a flat panel it is a straight line, bent only where it would leave the panel.
-
-    Attributes:
-        flats: the panels from that of the end to that of the start.
-        crossings: stations where it crosses the ridges, from below.
-    """
-
-    flats: tuple[FlatCurves, ...]
-    start: Place
-    end: Place
-    crossings: tuple[float, ...]
-
-    @staticmethod
-    def between(flats: Sequence[FlatCurves], start: Place, end: Place) -> Way:
-        """A way whose crossings are not known yet.
-
-        Args:
-            flats: all panels of the cup.
-            start: where it begins, in the same panel as its end or one above.
-            end: where it ends.
-        """
-        return Way(tuple(flats[end.panel : start.panel + 1]), start, end, ())
-
-    def straightest(self) -> Way:
-        """The way that would be shortest if panels went on beyond their edges, through stations."""
-        return replace(self, crossings=self._straight_crossings())
-
-    def shortest(self) -> Way:
-        """The way whose crossings make it shortest: a geodesic."""
-        if not self.crossings:
-            return self
-        last = self.flats[0].lower.x[-1]
-        best = minimize(
-            lambda crossings: replace(self, crossings=tuple(crossings.tolist())).length,
-            self.crossings,
-            method="L-BFGS-B",
-            bounds=[(0.0, last)] * len(self.crossings),
-            options={"ftol": 1e-13},
-        )
-        return replace(self, crossings=tuple(best.x.tolist()))
-
-    @cached_property
-    def length(self) -> float:
-        """In mm."""
-        flats = self.flats
-        total, reached = 0.0, (self.end.station, flats[0].at(self.end.station, self.end.share))
-        for flat, above, crossing in zip(flats, flats[1:], self.crossings, strict=False):
-            total += flat.way(reached, (crossing, flat.at(crossing, 1.0)))
-            reached = (crossing, above.at(crossing, 0.0))
-        top = flats[-1]
-        return total + top.way(reached, (self.start.station, top.at(self.start.station, self.start.share)))
-
-    def _straight_crossings(self) -> tuple[float, ...]:
-        flats = self.flats
-        stations = flats[0].lower.x
-        low = flats[0].at(self.end.station, self.end.share)
-        costs, origins = [np.linalg.norm(flats[0].upper(stations) - low, axis=1)], []
-        for flat in flats[1:-1]:
-            steps = np.linalg.norm(flat.lower(stations)[:, None] - flat.upper(stations), axis=2) + costs[-1][:, None]
-            origins.append(steps.argmin(0))
-            costs.append(steps.min(0))
-        high = flats[-1].at(self.start.station, self.start.share)
-        total = costs[-1] + np.linalg.norm(flats[-1].lower(stations) - high, axis=1)
-        found = [int(total.argmin())]
-        for origin in reversed(origins):
-            found.insert(0, int(origin[found[0]]))
-        return tuple(float(k) for k in found[: len(flats) - 1])
-
-
-@dataclass(frozen=True)
-class FlatCurves:
-    """A flat panel's edges as curves by the stations' indices."""
-
-    lower: PPoly
-    upper: PPoly
-
-    def at(self, station: float, share: float) -> Float[ndarray, "2"]:
-        """The place of a point on a ruling."""
-        return (1 - share) * self.lower(station) + share * self.upper(station)
-
-    def way(self, start: tuple[float, ndarray], end: tuple[float, ndarray]) -> float:
-        """Length of the shortest way between two points, given with their stations, within the panel."""
-        (a, p), (b, q) = sorted((start, end), key=lambda place: place[0])
-        gates = np.arange(int(np.floor(a)) + 1, int(np.ceil(b)))
-        lower, upper = self.lower(gates), self.upper(gates)
-        along, across = q - p, upper - lower
-        turn = along[0] * across[:, 1] - along[1] * across[:, 0]
-        offset = p - lower
-        share = (along[0] * offset[:, 1] - along[1] * offset[:, 0]) / np.where(turn == 0, 1.0, turn)
-        if ((share >= 0) & (share <= 1)).all():
-            return float(np.linalg.norm(along))
-        return polyline_length(pulled(p, q, lower, upper))
-
-
-def flat_curves(cups: Sequence[Sequence[FlatPanel]]) -> list[list[FlatCurves]]:
-    """The panels of cups, each without batch dimension and all with as many stations."""
-    edges = torch.stack([torch.stack([torch.stack((panel.lower, panel.upper)) for panel in cup]) for cup in cups])
-    values = edges.detach().cpu().double().numpy()
-    spline = CubicSpline(np.arange(values.shape[3]), values, axis=3)
-
-    def curve(*which: int) -> PPoly:
-        return PPoly.construct_fast(spline.c[(slice(None), slice(None), *which)], spline.x)
-
-    return [
-        [FlatCurves(curve(i, j, 0), curve(i, j, 1)) for j in range(values.shape[1])] for i in range(values.shape[0])
-    ]
-
-
-def pulled(
-    start: Float[ndarray, "2"], end: Float[ndarray, "2"], right: Float[ndarray, "k 2"], left: Float[ndarray, "k 2"]
-) -> Float[ndarray, "m 2"]:
-    """The shortest way through a row of gates, a string pulled taut: its corners lie on the gates' ends.
-
-    Args:
-        start: where it begins.
-        end: where it ends.
-        right: the gates' ends on the right of someone who walks from start to end.
-        left: those on the left.
-    """
-    sides = {1: np.vstack((right, end)), -1: np.vstack((left, end))}
-    corners, apex, k = [start], start, 0
-    while k < len(right) + 1:
-        bound: dict[int, ndarray] = {}
-        reached = dict.fromkeys(sides, k)
-        turned = 0
-        for j in range(k, len(right) + 1):
-            for way, ends in sides.items():
-                step = ends[j] - apex
-                if way in bound and way * _cross(bound[way], step) < 0:
-                    continue  # the gate is wider here than the funnel
-                if -way in bound and way * _cross(bound[-way], step) > 0:
-                    turned = -way
-                    break
-                bound[way], reached[way] = step, j
-            if turned:
-                break
-        if not turned:
-            break
-        k = reached[turned] + 1
-        apex = sides[turned][reached[turned]]
-        corners.append(apex)
-    return np.vstack((*corners, end))
-
-
-def _cross(a: ndarray, b: ndarray) -> float:
-    return float(a[0] * b[1] - a[1] * b[0])

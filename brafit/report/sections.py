@@ -79,13 +79,18 @@ def _cuts(grids: Float[ndarray, "cups rows n 3"], levels: Float[ndarray, " cups"
         numbers[kind][first][crossed] = count + np.arange(len(share))
         count += len(share)
     along, across, aslant = numbers
+    four = above[:, :-1, :-1].astype(np.int8)
+    for corner in (above[:, :-1, 1:], above[:, 1:, :-1], above[:, 1:, 1:]):
+        four += corner
+    k, row, column = np.nonzero((four > 0) & (four < 4))  # of the others no side is crossed
+    slant = aslant[k, row, column]
     triangles = (
-        (along[:, :-1, :-1], across[:, :-1, 1:], aslant[:, :-1, :-1]),
-        (along[:, 1:, :-1], across[:, :-1, :-1], aslant[:, :-1, :-1]),
+        (along[k, row, column], across[k, row, column + 1], slant),
+        (along[k, row + 1, column], across[k, row, column], slant),
     )
     found = []
     for sides in triangles:
-        three = np.stack(sides, axis=-1).reshape(-1, 3)
+        three = np.stack(sides, axis=-1)
         three = three[(three >= 0).sum(1) == 2]
         found.append(three[three >= 0].reshape(-1, 2))
     on_rim = np.zeros(count, bool)

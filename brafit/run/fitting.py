@@ -6,11 +6,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+import numpy as np
+
 from brafit.fitting import CupFit, Step, Target
+from brafit.fitting.certainty import Alternatives, shapes_of
 from brafit.fitting.objective import APEX
-from brafit.pattern import Side
+from brafit.fitting.result import Survey
+from brafit.pattern import Side, deepest_point
 from brafit.pattern.cloth import cloth_words
 from brafit.remarks import Remark
+from brafit.report.dimensions import surveys
+from brafit.report.measures import Cups
 from brafit.report.uncovered import uncovered_share
 from brafit.result import Result
 from brafit.run.choice import Course, chosen, with_bust_point
@@ -20,11 +26,15 @@ from brafit.scan import Scan
 from brafit.scan.middle import middle_of
 from brafit.surface import point_weights
 
+SURVEYED = 8
+"""Fits that are surveyed at once: more take no less time, but more memory."""
+
 
 def target_of(scan: Scan) -> Target:
     """What the fit is told of a scan: its points, marks and assumed places, and what each of them weighs."""
     target = _unweighted(scan)
-    return replace(target, weights=point_weights(target.seen, scan.curve))
+    spacing = None if len(scan.assumed) else scan.spacing
+    return replace(target, weights=point_weights(target.seen, scan.curve, spacing))
 
 
 def _unweighted(scan: Scan) -> Target:
@@ -65,6 +75,42 @@ def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callable[[Step], Non
         notes = (*fit.notes, Remark("bust_point_guessed", words, fit.name)) if guess else fit.notes
         found.append(replace(fit, notes=notes, uncovered_share=uncovered_share(fit.shape, scan.dense)))
     return found
+
+
+def with_surveys(recipe: Recipe, scans: Sequence[Scan], fits: Sequence[CupFit]) -> list[CupFit]:
+    """The fits, in their order, with what is measured of each and its alternatives: of many at once, in less time.
+
+    Args:
+        recipe: what is asked for.
+        scans: of the fits.
+        fits: of `fitted`.
+    """
+    alike: dict[tuple[int, int, int, bool], list[int]] = {}
+    for k, (scan, fit) in enumerate(zip(scans, fits, strict=True)):
+        if fit.code.is_cup:
+            kind = (fit.shape.panels, len(fit.shape.stations), len(fit.alternatives), scan.strap_point is None)
+            alike.setdefault(kind, []).append(k)
+    found = list(fits)
+    for same in alike.values():
+        for first in range(0, len(same), SURVEYED):
+            some = same[first : first + SURVEYED]
+            surveyed = _surveys(recipe, [scans[k] for k in some], [fits[k] for k in some])
+            for k, survey in zip(some, surveyed, strict=True):
+                found[k] = replace(fits[k], survey=survey)
+    return found
+
+
+def _surveys(recipe: Recipe, scans: Sequence[Scan], fits: Sequence[CupFit]) -> list[Survey]:
+    """Of fits with as many panels, stations and alternatives, of scans that all have a strap point or none."""
+    cups = Cups.of([[fit] for fit in fits])
+    several = [fit.alternatives for fit in fits if isinstance(fit.alternatives, Alternatives)]
+    if several:
+        cups = cups.beside(Cups.varied(*shapes_of(several)))
+    apexes = [
+        deepest_point(fit.shape) if scan.apex is None else scan.apex for scan, fit in zip(scans, fits, strict=True)
+    ]
+    straps = [scan.strap_point for scan in scans if scan.strap_point is not None]
+    return surveys(cups, np.stack(apexes), np.stack(straps) if straps else None, recipe.pattern.report)
 
 
 def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:

@@ -29,7 +29,7 @@ from brafit.report.table import write_fit_json
 from brafit.result import result_files
 from brafit.run.dataset import ScanRef
 from brafit.run.dataset import dataset as dataset_of
-from brafit.run.fitting import fitted, result_of
+from brafit.run.fitting import fitted, result_of, with_surveys
 from brafit.run.job import Doing, Done, common_cause
 from brafit.run.recipe import READING, Recipe
 from brafit.run.store import key_of, nest_file, restored
@@ -132,9 +132,10 @@ def fit(source: bytes, scans: Sequence[bytes], watched: Sequence[str], tell: Tel
     """
     loaded = [pickle.loads(data) for data in scans]
     recipe = _recipe(source, loaded[0][0].overrides)
-    names = [scan.name for *_, scan in loaded]
-    fits = fitted(recipe, [scan for *_, scan in loaded], lambda step: tell(_told(step, names, watched)))
-    return [_packed(fit) for fit in fits]
+    scans = [scan for *_, scan in loaded]
+    names = [scan.name for scan in scans]
+    fits = fitted(recipe, scans, lambda step: tell(_told(step, names, watched)))
+    return [_packed(fit) for fit in with_surveys(recipe, scans, fits)]
 
 
 class _Packer(pickle.Pickler):

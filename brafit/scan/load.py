@@ -64,6 +64,7 @@ class Scan:
         notes: what the user should know of it.
         assumed: places on the surface that is assumed where the scan has no data, for the fit only.
         removed: what the cleaning took because it lies on no surface.
+        spacing: of the points, mm (`brafit.surface.coverage.spacing_of`); None: not known, as for other points.
         gap_share: share of the surface between wire and upper line without data; None without an upper line.
         confidence: how far landmarks can be trusted that nobody looked at; None for given ones.
         own_wire: the wire line that the scan has itself, where a wire of a size is laid instead.
@@ -85,6 +86,7 @@ class Scan:
     notes: tuple[Remark, ...] = ()
     assumed: Float[np.ndarray, "g 3"] = field(default_factory=lambda: np.empty((0, 3)))
     removed: Float[np.ndarray, "r 3"] = field(default_factory=lambda: np.empty((0, 3)))
+    spacing: float | None = None
     gap_share: float | None = None
     confidence: Confidence | None = None
     own_wire: Float[np.ndarray, "j 3"] | None = None
@@ -382,6 +384,7 @@ def _scan(
         notes=notes,
         assumed=bare[along_curve(bare)],
         removed=gathered.tidied.removed,
+        spacing=None if found is None else found.spacing,
         gap_share=None if found is None else found.share,
         confidence=breast.confidence,
         own_wire=None if breast.own_wire is None else breast.frame.to_cup(breast.own_wire),

@@ -42,6 +42,7 @@ def middle_of(scan: Scan, thickness: float) -> Scan:
     return replace(
         scan,
         points=outwards(scan.points),
+        spacing=None,
         assumed=outwards(scan.assumed),
         dense=outwards(scan.dense),
         neckline=line,

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import KDTree
 
 from brafit.cloud.open3d_runtime import open3d
 from brafit.errors import ConfigError
 from brafit.surface.cropping import crop
-from brafit.surface.neighbours import Neighbours, nearest
+from brafit.surface.neighbours import Neighbours, nearest, tree_of
 from brafit.surface.normals import NEIGHBOURS, Surface, links, on_surface, parts, settle, surface_of
 
 SURPLUS, SLACK = 1.2, 1.25
@@ -303,7 +302,7 @@ def uncrowd(points: Float[np.ndarray, "n 3"], count: int) -> Bool[np.ndarray, " 
     """
     if len(points) <= count:
         return np.ones(len(points), dtype=bool)
-    crowd = _Crowd(*(found[:, 1:] for found in nearest(KDTree(points), points, min(17, len(points)))))
+    crowd = _Crowd(*(found[:, 1:] for found in nearest(tree_of(points), points, min(17, len(points)))))
     alive, whose = crowd.alive, _Partners(crowd.near[:, 0])
     closest, partner = crowd.distances[:, 0].tolist(), crowd.near[:, 0].tolist()
     # Of many points few are touched, so the first pairs are a sorted list, and only those that change a heap.

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from brafit.geometry.polyline import nearest_on
+from brafit.surface.neighbours import tree_of
 
 NEIGHBOURS = 16
 """Neighbours that bound a point's cell."""
@@ -21,7 +22,7 @@ _CHUNK = 8192
 
 
 def point_weights(
-    points: Float[np.ndarray, "n 3"], curve: Float[np.ndarray, "k 3"] | None = None
+    points: Float[np.ndarray, "n 3"], curve: Float[np.ndarray, "k 3"] | None = None, spacing: float | None = None
 ) -> Float[np.ndarray, " n"]:
     """The share of the surface that each point stands for; they sum to 1.
 
@@ -31,10 +32,11 @@ def point_weights(
     Args:
         points: in any unit, on a surface.
         curve: the closed curve that bounds the surface, if there is one.
+        spacing: of the points, from `spacing_of`, if it is known.
     """
     if len(points) <= NEIGHBOURS:
         return np.full(len(points), 1 / max(len(points), 1))
-    area = cell_areas(points, curve)
+    area = cell_areas(points, curve, spacing)
     median = float(np.median(area))
     if median == 0:
         return np.full(len(points), 1 / len(points))
@@ -43,7 +45,7 @@ def point_weights(
 
 
 def cell_areas(
-    points: Float[np.ndarray, "n 3"], curve: Float[np.ndarray, "k 3"] | None = None
+    points: Float[np.ndarray, "n 3"], curve: Float[np.ndarray, "k 3"] | None = None, spacing: float | None = None
 ) -> Float[np.ndarray, " n"]:
     """Areas of the cells into which points (more than NEIGHBOURS) divide the surface that they lie on.
 
@@ -51,7 +53,7 @@ def cell_areas(
     across it does not count. Along a direction u it ends at min |f|^2 / (2 f.u) over the neighbours at f, or at WIDE or
     OPEN spacings. The mirror images of points in the curve are neighbours too, so that cells end at the curve.
     """
-    reach = (OPEN if curve is None else WIDE) * spacing_of(points)
+    reach = (OPEN if curve is None else WIDE) * (spacing_of(points) if spacing is None else spacing)
     alone = np.ones(len(points))
     every = points
     if curve is not None:
@@ -64,7 +66,7 @@ def cell_areas(
         near = (away < reach) & (away > 0)
         alone[away == 0] = 0.5  # such a point is its own image: half of its cell lies outside
         every = np.concatenate([points, (2 * foot - points)[near]])
-    tree = KDTree(every)
+    tree = tree_of(every)
     angle = np.arange(RAYS) * (2 * np.pi / RAYS)
     rays = np.stack([np.cos(angle), np.sin(angle)])
     area = np.empty(len(points))
@@ -75,8 +77,9 @@ def cell_areas(
         spread = offset - offset.mean(axis=1, keepdims=True)
         axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 1:]
         flat = offset @ axes
-        square = (flat**2).sum(axis=-1, keepdims=True)
-        bound = np.divide(2 * flat, square, out=np.zeros_like(flat), where=square > 0) @ rays
+        square = (flat[..., 0] ** 2 + flat[..., 1] ** 2)[..., None]
+        pull = np.divide(2 * flat, square, out=np.zeros_like(flat), where=square > 0)
+        bound = (pull.reshape(-1, 2) @ rays).reshape(*pull.shape[:2], RAYS)
         area[part] = (1 / np.maximum(bound.max(axis=1), 1 / max(reach, 1e-12)) ** 2).sum(axis=1)
     return area * alone * (np.pi / RAYS)
 
@@ -84,4 +87,4 @@ def cell_areas(
 def spacing_of(points: Float[np.ndarray, "n 3"]) -> float:
     """Typical distance of an evenly spread cloud's points to the nearest six."""
     count = min(7, len(points))
-    return float(np.median(np.asarray(KDTree(points).query(points, k=count)[0])[:, 1:].mean(axis=1)))
+    return float(np.median(np.asarray(tree_of(points).query(points, k=count)[0])[:, 1:].mean(axis=1)))

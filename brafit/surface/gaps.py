@@ -19,6 +19,7 @@ from scipy.spatial import KDTree
 
 from brafit.surface.coverage import spacing_of
 from brafit.surface.directions import Chart
+from brafit.surface.neighbours import tree_of
 
 GAP = 4.0
 """A gap begins at this distance (mm) from every point, or at SPARSE times the cloud's spacing."""
@@ -37,10 +38,12 @@ class Gaps:
     Attributes:
         share: share of the surface between wire and upper line that lies in gaps.
         places: on the surface that is assumed there, as dense as the points of the fit, mm.
+        spacing: of the points of the fit, mm (`brafit.surface.coverage.spacing_of`).
     """
 
     share: float
     places: Float[np.ndarray, "g 3"]
+    spacing: float
 
 
 def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curve: Float[np.ndarray, "k 3"]) -> Gaps:
@@ -59,21 +62,22 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
     size = float(np.median(radius))
     cells = _within(rim, 0.5 * spacing / size)
     # On the chart distances are about those on the surface over the radius, or less: nothing is overlooked by 0.8.
-    away, nearest = KDTree(place).query(cells)
+    away, nearest = tree_of(place).query(cells)
     bare = away >= 0.8 * reach / size
     if not bare.any():
-        return Gaps(0.0, np.empty((0, 3)))
+        return Gaps(0.0, np.empty((0, 3)), spacing)
     most = min(RIM_LEAST + int(bare.sum()), RIM_MOST)
     near = np.argsort(KDTree(cells[bare]).query(place)[0], kind="stable")[:most]
     known, values = np.concatenate([place[near], rim]), np.log(np.concatenate([radius[near], rim_radius]))
     spline = RBFInterpolator(*_distinct(known, values), smoothing=SMOOTHING, kernel="cubic")
     low, high = values.min() + np.log(BOUNDS), values.max() - np.log(BOUNDS)
     bridge = chart.space(cells[bare], np.exp(np.clip(spline(cells[bare]), low, high)))
-    gap = KDTree(dense).query(bridge)[0] > reach
+    gap = tree_of(dense).query(bridge)[0] > reach
     surface = chart.space(cells, radius[nearest])
     surface[bare] = bridge
     area = chart.area(cells, np.linalg.norm(surface - chart.centre, axis=1))
-    return Gaps(float(area[_opened(surface, bridge[gap], reach)].sum() / area.sum()), _thinned(bridge[gap], spacing))
+    share = float(area[_opened(surface, bridge[gap], reach)].sum() / area.sum())
+    return Gaps(share, _thinned(bridge[gap], spacing), spacing)
 
 
 def _opened(surface: np.ndarray, inner: np.ndarray, reach: float) -> np.ndarray:

@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import KDTree
 
-from brafit.surface.neighbours import Neighbours, nearest
+from brafit.surface.neighbours import Neighbours, nearest, tree_of
 from brafit.surface.planes import distances_off, normals_at
 
 NEIGHBOURS = 24
@@ -60,7 +60,7 @@ class Surface:
     @cached_property
     def tree(self) -> KDTree:
         """Of the points."""
-        return KDTree(self.points)
+        return tree_of(self.points)
 
     @cached_property
     def neighbours(self) -> Neighbours:

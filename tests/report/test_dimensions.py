@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from lunes import RADIUS, lune_cup, lune_flat
 from brafit.cup.shape import CupShape
 from brafit.geometry.development import FlatPanel
 from brafit.pattern import PatternOptions, finish, pieces_from_panels
-from brafit.report.dimensions import MARKS, dimension_deviation, dimensions
+from brafit.report.dimensions import MARKS, dimensions, survey_of
 
 APEX, STRAP = np.array((60.0, 85.0, 50.0)), np.array((0.0, RADIUS, RADIUS))
 
@@ -37,7 +37,7 @@ def measured(one: Cup) -> dict[tuple[str, str], float]:
 @pytest.mark.parametrize("panels", [1, 2, 3])
 def test_deviation_is_that_of_the_alternatives(panels):
     best, others = cup(panels), [cup(panels, 1.001), cup(panels, 0.998)]
-    found = dimension_deviation(best, others, APEX, STRAP)
+    found = survey_of(best, others, APEX, STRAP).deviation
     own, apart = measured(best), [measured(other) for other in others]
     marks = ("cup", MARKS)
     assert own.pop(marks) == pytest.approx(np.linalg.norm(APEX - STRAP))
@@ -49,7 +49,8 @@ def test_deviation_is_that_of_the_alternatives(panels):
 
 def test_dimensions_have_the_order_and_units_of_the_pieces():
     pattern = finish(pieces_from_panels(lune_flat(2)), PatternOptions(), name="x", side="left")
-    table = dimensions(cup(2), pattern, APEX, STRAP, {("cup", "apex to inner end"): 0.5})
+    survey = replace(survey_of(cup(2), [], APEX, STRAP), deviation={("cup", "apex to inner end"): 0.5})
+    table = dimensions(cup(2), pattern, APEX, STRAP, survey)
     assert [d.name for d in table[:5]] == ["wire", "seam", "width", "height", "area"]
     assert [d.part for d in table if d.name == "area"] == ["lower panel", "upper panel"]
     assert {d.unit for d in table if d.name.startswith("area")} == {"cm2"}
@@ -60,4 +61,4 @@ def test_dimensions_have_the_order_and_units_of_the_pieces():
 
 
 def test_no_alternatives_no_deviation():
-    assert dimension_deviation(cup(2), [], APEX) == {}
+    assert survey_of(cup(2), [], APEX).deviation == {}
