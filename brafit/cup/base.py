@@ -169,10 +169,14 @@ class Cup(nn.Module, ABC):
         """
         return self.stations.new_ones(self.size)
 
-    @property
-    def plain(self) -> tuple[Float[Tensor, " size"], Float[Tensor, " size"]] | None:
-        """The parameters of the plainest cup of the model, if it has one, and how much each counts where cups are
+    def plain(
+        self, height: Float[Tensor, " batch"]
+    ) -> tuple[Float[Tensor, "batch size"], Float[Tensor, " size"]] | None:
+        """The parameters of the plainest cups of the model, if it has any, and how much each counts where cups are
         otherwise equal.
+
+        Args:
+            height: mean height of each breast over its wire's plane, solver units.
         """
         return None
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
+from functools import cache
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -17,6 +18,7 @@ from torch import Tensor, nn
 from brafit.cup.base import Cup, Linearised
 from brafit.cup.corner import CORNER_REACH, CORNER_SIZE, corner_gap, cornered
 from brafit.cup.edge_gaps import Gaps
+from brafit.cup.plain import HEIGHT, lines, term_counts
 from brafit.cup.shape import CupShape
 from brafit.cup.strip_chain import chain_shape, march, series
 from brafit.cup.strip_derivatives import linearised
@@ -30,20 +32,11 @@ from brafit.geometry.strip import (
     Nodes,
 )
 
-PLAIN: dict[str, dict[str, tuple[float, ...]]] = {
-    "first": {"rib": (0.0, 0.2), "length": (0.8, -0.1, 0.08)},
-    "middle": {"rib": (-0.1, -0.3), "length": (0.6, -0.2, 0.05)},
-    "last": {"rib": (-0.3, -1.6, 0.08), "length": (1.6, 0.0, 0.05)},
-}
-"""First coefficients of a plain cup's panels, lengths times the number of panels: rounded means of close fits to 14
-breasts with two and three panels. Fits of different breasts differ little in them, and data say little about them."""
-PLAIN_ORDER = 5.0
-"""From about this order on terms count ever more."""
 STEP_ORDER = 3.0
 """From about this order on terms change a cup ever more."""
-JUMP_COUNT = 0.25
-"""How much the jump at the upper edge's corner counts in `Cup.plain`, times the number of panels. What is plain counts
-over the square of that number: so the jump counts alike with any. Free, it would wander with the corner's place."""
+JUMP_COUNT = 0.43
+"""How much the jump at the upper edge's corner counts in `Cup.plain`, times the root of the number of panels. What is
+plain counts over that number: so the jump counts alike with any. Free, it would wander with the corner's place."""
 CORNER_TERMS = 6
 """Terms from which on the corner is free: before, the edge is too rough to tell where it belongs."""
 
@@ -210,25 +203,10 @@ class StripsCup(Cup):
         series = share.repeat(2 * self.panels)
         return torch.cat((series.new_ones(self.panels), series, series.new_ones(CORNER_SIZE)))
 
-    @property
-    def plain(self) -> tuple[Float[Tensor, " size"], Float[Tensor, " size"]]:
-        """See PLAIN. A term of order k counts (1 + (k / PLAIN_ORDER)^6)^(1/2): low orders alike, high orders as third
-        derivatives of the edges would count them.
-        """
-        series = {name: self.stations.new_zeros(self.panels, self.terms) for name in ("rib", "length")}
-        for i in range(self.panels):
-            role = "last" if i == self.panels - 1 else "first" if i == 0 else "middle"
-            for name, values in PLAIN[role].items():
-                kept = self.stations.new_tensor(values[: self.terms])
-                series[name][i, : len(kept)] = kept
-        series["length"][:, 0] -= math.log(self.panels)
-        order = torch.arange(self.terms, dtype=self.stations.dtype, device=self.stations.device)
-        count = (1 + (order / PLAIN_ORDER) ** 6).sqrt().expand(self.panels, -1)
-        none = {"angle": order.new_zeros(self.panels), "corner": order.new_zeros(CORNER_SIZE)}
-        values, counts = none | series, none | dict.fromkeys(series, count)
-        counts["corner"] = order.new_tensor([0.0, JUMP_COUNT * self.panels, 0.0])
-        flat = (torch.cat([parts[name].flatten() for name in self.layout]) for parts in (values, counts))
-        return next(flat), next(flat)
+    def plain(self, height: Float[Tensor, " batch"]) -> tuple[Float[Tensor, "batch size"], Float[Tensor, " size"]]:
+        """See `brafit.cup.plain`. Angles do not count, nor do the corner's size and place."""
+        at, by_height, counts = (values.to(self.stations) for values in _plain_line(self.panels, self.terms))
+        return at + by_height * (height[:, None] - HEIGHT), counts
 
     @torch.no_grad()
     def start(self, angles: Float[Tensor, "batch panels"], reaches: Float[Tensor, "batch panels"]) -> None:
@@ -242,13 +220,13 @@ class StripsCup(Cup):
         across, out = ((step * axis[:, middle, None, ::2]).sum(-1) for axis in (grid.U, grid.V))
         heading = evenly(torch.atan2, out, across)
         turn = torch.cat((heading[:, :1], heading.diff(dim=1)), dim=1)
-        flat = self.plain[0].repeat(self.batch, 1)
+        flat = self.plain(self.stations.new_full((self.batch,), HEIGHT))[0]
         parts = self.split(flat)
         parts["angle"].copy_(torch.remainder(turn + torch.pi, 2 * torch.pi) - torch.pi)
         rib, length = parts["rib"], parts["length"]
-        rib[..., 0] = rib[..., 2] if self.terms > 2 else 0.0  # no lean in the middle, where T_2 is -1
-        even = length[..., 2] if self.terms > 2 else 0.0  # T_2(0) = -1
-        length[..., 0] = step.norm(dim=-1).clamp_min(1e-2 * LENGTH).log() + even
+        middle_lean, middle_length = (_in_the_middle(values[..., 1:]) for values in (rib, length))
+        rib[..., 0] = -middle_lean
+        length[..., 0] = step.norm(dim=-1).clamp_min(1e-2 * LENGTH).log() - middle_length
         self.load_flat(flat)
 
     def select(self, index: Tensor) -> "StripsCup":
@@ -283,3 +261,23 @@ class StripsCup(Cup):
         cup = self.select(torch.arange(self.batch, device=self.stations.device))
         cup.grid = StripGrid.of(self.wire, self.terms, len(self.grid.s) * 3 // 2)
         return cup
+
+
+@cache
+def _plain_line(panels: int, terms: int) -> tuple[Float[Tensor, " size"], ...]:
+    """Parameters of the plain cup at HEIGHT, their change with the height, and how much they count."""
+    zero, corner = torch.zeros(panels, dtype=torch.float64), torch.zeros(CORNER_SIZE, dtype=torch.float64)
+    series = lines(panels, terms)
+    at, by_height = (
+        torch.cat((zero, *(series[name][k].flatten() for name in ("rib", "length")), corner)) for k in (0, 1)
+    )
+    jump = corner.clone()
+    jump[1] = JUMP_COUNT * math.sqrt(panels)
+    return at, by_height, torch.cat((zero, term_counts(terms).repeat(2 * panels), jump))
+
+
+def _in_the_middle(series: Float[Tensor, "*batch terms"]) -> Float[Tensor, " *batch"]:
+    """What Chebyshev polynomials T_1, T_2, ... add up to at 0: T_2 is -1 there, T_4 is 1, odd ones are 0."""
+    even = series[..., 1::2]
+    sign = 2.0 * (torch.arange(even.shape[-1], device=series.device) % 2) - 1.0
+    return (even * sign.to(series)).sum(-1)

@@ -20,9 +20,9 @@ WAVES = 4.0
 """How much the size of every change of curvature counts beside its square, see `wavy`."""
 WAVE_SLOPE = 0.5
 """Changes of curvature per s that are smaller than this count by their square alone."""
-PLAINNESS = 7e-3
-"""Weight of what sets a cup apart from the plain one (`Cup.plain`) at `Conditions.fairness` 1, over the square of the
-number of panels: the fewer panels, the less close the cup, and the less data say about it."""
+PLAINNESS = 3.5e-3
+"""Weight of what sets a cup apart from the plain one (`Cup.plain`) at `Conditions.fairness` 1, over the number of
+panels: the fewer panels, the less close the cup, and the less data say about it."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ def fairness_blocks(
     unfairness: Float[Tensor, "batch m"],
     strength: float,
     shares: Shares,
+    height: Float[Tensor, " batch"],
 ) -> list[Block]:
     """The blocks of fairness and plainness.
 
@@ -50,6 +51,7 @@ def fairness_blocks(
         unfairness: `Cup.unfairness` of these.
         strength: `Conditions.fairness`, more than 0.
         shares: how much counts at present.
+        height: mean height of the breasts over their wires' planes, solver units.
     """
     spans = cup.spans
     losses = (square if spans is None else partial(wavy, spans=spans, share=share) for share in (shares.waves, 1.0))
@@ -57,9 +59,9 @@ def fairness_blocks(
         Block("fairness", unfairness, strength * FAIRNESS, "fairness", loss, rows=_unfairness_rows) for loss in losses
     )
     blocks = [replace(fair, weight=shares.fairness * strength * FAIRNESS, final=final)]
-    if (plain := cup.plain) is not None:
+    if (plain := cup.plain(height)) is not None:
         away = (flat - plain[0]) * plain[1]
-        weight = strength * PLAINNESS / cup.panels**2
+        weight = strength * PLAINNESS / cup.panels
         final = Block("plainness", away, weight, "fairness", diagonal=plain[1])
         blocks.append(replace(final, weight=shares.plainness * weight, final=final))
     return blocks

@@ -272,7 +272,7 @@ class Objective:
             )
             blocks.append(replace(soft, final=final))
         if c.fairness > 0:
-            blocks += fairness_blocks(self.cup, flat, unfairness, c.fairness, self.shares)
+            blocks += fairness_blocks(self.cup, flat, unfairness, c.fairness, self.shares, self.targets.height)
         for name, value in self.constraints(shape).items():
             shift = pressure.multipliers.get(name)
             residual = value if shift is None else value + shift / pressure.penalty

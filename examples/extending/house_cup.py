@@ -44,10 +44,9 @@ class HouseCup(StripsCup):
             raise ValueError(f"cup.block={named}: not a fit of {wanted}; {remedy}")
         self.register_buffer("block", torch.cat([part.flatten() for part in parts]), persistent=False)
 
-    @property
-    def plain(self) -> tuple[Tensor, Tensor]:
-        """The block; angles and corner do not count, so they stay as in other plain cups."""
-        values, counts = super().plain
+    def plain(self, height: Tensor) -> tuple[Tensor, Tensor]:
+        """The block, whatever the breast's height; angles and corner do not count, as in other plain cups."""
+        values, counts = super().plain(height)
         return torch.where(counts > 0, self.get_buffer("block").to(values), values), counts
 
 

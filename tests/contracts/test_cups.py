@@ -110,7 +110,9 @@ class TestCup:
         single = cup.on(copy.deepcopy(WIRES).float())
         assert single.shape().edges.dtype == torch.float32
         assert torch.allclose(single.shape().edges.double(), cup.shape().edges, rtol=0, atol=2e-3)
-        if (plain := cup.plain) is not None and (other := moved.plain) is not None:
+        height = torch.linspace(0.3, 0.6, cup.batch, dtype=torch.float64)
+        if (plain := cup.plain(height)) is not None and (other := moved.plain(height)) is not None:
+            assert plain[0].shape == cup.flatten().shape
             assert torch.equal(plain[0], other[0])
 
     @pytest.mark.parametrize("panels", [1, 2, 3])

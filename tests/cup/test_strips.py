@@ -157,8 +157,9 @@ def test_cups_start_plain_but_for_their_places(panels, terms):
     cup = StripsCup(half_circle(2), panels, terms)
     share = torch.arange(1, panels + 1, dtype=torch.float64) / panels
     cup.start((share * math.pi / 2).expand(2, -1), torch.full((2, panels), 0.8, dtype=torch.float64))
-    values, counts = cup.plain
-    assert values.shape == counts.shape == (cup.size,)
+    values, counts = cup.plain(torch.full((2,), HEIGHT, dtype=torch.float64))
+    assert values.shape == (2, cup.size)
+    assert counts.shape == (cup.size,)
     away = cup.split((cup.flatten().detach() - values) * counts)
     for name in ("rib", "length"):
         assert (away[name][..., 1:] == 0).all()
