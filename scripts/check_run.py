@@ -6,7 +6,7 @@
     kill      kill -9 at random moments of a run of 300 scans, each time resumed: every file as of an undisturbed run
     poison    50 bad files of six kinds among 500: the others as of a clean run, the bad ones failed for true reasons
     shards    16 shards of 64 scans, collected, against one run
-    memory    peak memory of the whole process tree over a run of 200 and of 2,000 scans
+    memory    peak of what the whole process tree holds in memory of its own, over a run of 200 and of 2,000 scans
     cluster   a cluster of two processes on this machine (Ray), one killed in the middle: all scans end
 
 The fits are quick ones (few points and terms): what is checked does not depend on how good they are.
@@ -234,7 +234,10 @@ def check_shards(folder: Path, work: Path, shards: int = 16, count: int = 64) ->
 
 
 def peak_memory(arguments: Sequence[str]) -> tuple[float, float]:
-    """Peak of the proportional memory of a command's whole process tree (MiB), and its wall time."""
+    """Peak of what a command's whole process tree holds in memory of its own (MiB), and its wall time.
+
+    The code of libraries is left out: how much of it counts depends on what else runs on the machine.
+    """
     begun = time.monotonic()
     process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     peak = 0.0
@@ -265,7 +268,7 @@ def _tree(root: int) -> Iterator[int]:
 
 def _share(pid: int) -> float:
     try:
-        return int(re.search(r"^Pss:\s+(\d+)", Path(f"/proc/{pid}/smaps_rollup").read_text(), re.M)[1]) / 1024  # type: ignore[index]
+        return int(re.search(r"^Pss_Anon:\s+(\d+)", Path(f"/proc/{pid}/smaps_rollup").read_text(), re.M)[1]) / 1024  # type: ignore[index]
     except (OSError, TypeError):
         return 0.0
 
@@ -316,6 +319,8 @@ def main() -> None:
     parser.add_argument("--work", type=Path, help="where the runs go; a temporary folder if not given")
     given = parser.parse_args()
     for part in given.only.split(","):
+        if given.work is not None:
+            given.work.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=given.work) as folder:
             print(f"== {part}", flush=True)
             (PARTS | MORE)[part](given.folder.resolve(), Path(folder))

@@ -37,6 +37,8 @@ _CUP_FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 Lines = Tensor | np.ndarray | Sequence
 """Points of one wire line (k, 3) or of several (batch, k, 3)."""
+_AROUND = 65
+"""Places of a wire that its plane is taken from."""
 _FRAME_TOLERANCE = 0.01
 """How far a wire's ends may be from where the cup frame has them, as a share of the span."""
 
@@ -82,6 +84,14 @@ class Wire(nn.Module):
             return matrix @ self.coefficients
         # one wire at a time, so that rounding does not depend on the batch
         return torch.stack([matrix @ c for c in self.coefficients])
+
+    def plane(self) -> tuple[Float[Tensor, "batch 3"], Float[Tensor, "batch 3"]]:
+        """The plane of the wires, closed by their chords: its unit normal, from the chest outwards, and the wires' mean
+        point; solver units.
+        """
+        line = self.sample(torch.linspace(0, LENGTH, _AROUND, dtype=self.scale.dtype, device=self.scale.device))
+        area = torch.linalg.cross(line, line.roll(-1, dims=1)).sum(1)
+        return area / area.norm(dim=-1, keepdim=True), line.mean(1)
 
     def select(self, index: Tensor) -> "Wire":
         """The wires of these batch items."""

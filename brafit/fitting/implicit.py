@@ -98,8 +98,7 @@ class Problem:
     @staticmethod
     def of(objective: Objective, pressure: Pressure, data: Data) -> "Problem":
         """The problems of an objective with other data: tensors that may carry derivatives."""
-        height = (data.weights * data.points[..., 2]).sum(-1)
-        changed = replace(objective.targets, **{name: getattr(data, name) for name in _TARGETS}, height=height)
+        changed = replace(objective.targets, **{name: getattr(data, name) for name in _TARGETS})
         cup = objective.cup
         if data.wire is not cup.wire.coefficients:
             cup = cup.on(Wire(data.wire, data.scale, cup.wire.smoothing))

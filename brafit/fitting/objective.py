@@ -166,6 +166,7 @@ class Objective:
         ridges: Int[Tensor, " batch"] | None = None,
     ):
         self.cup, self.targets, self.conditions, self.guides = cup, targets, conditions, guides
+        self.height = targets.height(cup.wire)  # of all points, whatever a stage sees
         self.ridges = ridges
         self.groups = torch.arange(cup.batch, device=targets.points.device) if groups is None else groups
         self.guiding = self.moving = False
@@ -190,6 +191,7 @@ class Objective:
         return self._with(
             cup=self.cup.select(index),
             targets=self.targets.select(index),
+            height=self.height[index],
             groups=self.groups[index],
             guides=None if self.guides is None else self.guides[index],
             ridges=None if self.ridges is None else self.ridges[index],
@@ -201,7 +203,8 @@ class Objective:
 
     def on(self, cup: Cup, targets: Targets) -> "Objective":
         """The same problems with other cups and targets."""
-        return self._with(cup=cup, targets=targets)
+        height = targets.height(cup.wire) if targets.points.shape[1] else self.height
+        return self._with(cup=cup, targets=targets, height=height)
 
     def twice_differentiable(self) -> "Objective":
         """The same problems with edges' nearest points that move along, see `gaps_to_points`."""
@@ -272,7 +275,7 @@ class Objective:
             )
             blocks.append(replace(soft, final=final))
         if c.fairness > 0:
-            blocks += fairness_blocks(self.cup, flat, unfairness, c.fairness, self.shares, self.targets.height)
+            blocks += fairness_blocks(self.cup, flat, unfairness, c.fairness, self.shares, self.height)
         for name, value in self.constraints(shape).items():
             shift = pressure.multipliers.get(name)
             residual = value if shift is None else value + shift / pressure.penalty

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from brafit.cup.wire import Wire
 from brafit.fitting.neckline import Neckline, smooth_neckline
 from brafit.geometry.developable import dot
 from brafit.geometry.order import along_curve
@@ -78,7 +79,6 @@ class Targets:
         scale: millimetres per solver unit.
         sheet, sheet_normals, spacing: for clouds without a neckline, points spread over each, its normals there, and
             the typical distance between neighbours. Shorter ones repeat their first point.
-        height: mean height of each cloud over the wire's plane.
     """
 
     points: Float[Tensor, "batch points 3"]
@@ -94,7 +94,6 @@ class Targets:
     sheet: Float[Tensor, "batch sheet 3"]
     sheet_normals: Float[Tensor, "batch sheet 3"]
     spacing: Float[Tensor, " batch"]
-    height: Float[Tensor, " batch"]
 
     def select(self, index: Tensor) -> "Targets":
         """The targets with these batch indices (repetitions allowed)."""
@@ -110,8 +109,13 @@ class Targets:
         unit, one = self.scale[:, None], torch.ones_like(self.scale)
         each = {name: getattr(self, name) * unit for name in ("connection", "apex")}
         clouds = {name: getattr(self, name) * unit[..., None] for name in ("points", "neckline", "sheet")}
-        lengths = {name: getattr(self, name) * self.scale for name in ("spacing", "height")}
-        return replace(self, **each, **clouds, **lengths, scale=one)
+        return replace(self, **each, **clouds, spacing=self.spacing * self.scale, scale=one)
+
+    def height(self, wire: Wire) -> Float[Tensor, " batch"]:
+        """Mean height of the clouds over their wires' planes, solver units. `wire`: of the same batch."""
+        normal, middle = wire.plane()
+        away = ((self.points - middle[:, None]) * normal[:, None]).sum(-1)
+        return (self.weights * away).sum(-1)
 
     def thinned(self, count: int) -> "Targets":
         """The targets with at most `count` points each: the weighted means of as many small patches, runs of
@@ -165,7 +169,6 @@ class Targets:
         seen = [t.seen for t in targets]
         counts = [len(points) for points in seen]
         # Sums over padded points are the same for any batch, as long as their lengths are multiples of so many.
-        heights = np.zeros(len(targets))
         points = np.zeros((len(targets), -(-max(counts) // PADDED) * PADDED, 3))
         weights, data = np.zeros(points.shape[:2]), np.zeros(points.shape[:2], dtype=bool)
         for row, (target, own) in enumerate(zip(targets, seen, strict=True)):
@@ -174,7 +177,6 @@ class Targets:
             data[row, :count] = order < len(target.points)
             if target.weights is not None:
                 weights[row, :count] = target.weights[order] / target.weights.sum()
-            heights[row] = (weights[row, :count] * points[row, :count, 2]).sum()
         lines = [None if (line := t.smooth_neckline(neckline_wave)) is None else line.sampled(samples) for t in targets]
         neckline, has_neckline = optional(lines, np.zeros((samples, 3)))
         connection, has_connection = optional([t.strap_point for t in targets], np.zeros(3))
@@ -195,7 +197,6 @@ class Targets:
             sheet=tensor(sheet) / unit[..., None],
             sheet_normals=tensor(normals),
             spacing=tensor(spacing) / scale,
-            height=tensor(heights) / scale,
         )
 
 

@@ -8,6 +8,7 @@ import torch
 from cups import half_circle
 
 from brafit.cup import Cup, StripsCup, Wire
+from brafit.cup.plain import HEIGHT
 from brafit.geometry.developable import regularity, twist_angle
 from brafit.geometry.grid import sliding_derivative
 
@@ -78,7 +79,7 @@ def test_start_puts_the_middle_of_each_edge_where_it_is_told():
     cup.start(angles, reaches)
     middle = cup.shape().edges[0, 1:, 100]
     expected = torch.stack((reaches * torch.cos(angles), torch.ones_like(angles), reaches * torch.sin(angles)), dim=-1)
-    assert torch.allclose(middle, expected[0], rtol=0, atol=0.03)  # a plain cup's rulings lean a little there
+    assert torch.allclose(middle, expected[0], rtol=0, atol=0.05)  # a plain cup's ridge leans a little there
 
 
 @pytest.mark.parametrize("terms", [None, 4, 6])

@@ -167,6 +167,18 @@ def test_each_wire_of_a_batch_is_as_if_alone(dtype):
     assert torch.equal(chosen.length, batch.length[[2, 0, 2]])
 
 
+def test_the_plane_of_a_half_circle_and_of_one_that_is_moved():
+    """Its normal, and the circle's mean point, 2 R / pi from the chord; both move along."""
+    normal, middle = Wire.from_omega((0, 1 / 80, 0), 80 * math.pi).plane()
+    assert torch.allclose(normal, torch.tensor([[0.0, 0.0, 1.0]]).double(), rtol=0, atol=1e-12)
+    assert torch.allclose(middle, torch.tensor([[2 / math.pi, 1.0, 0.0]]).double(), rtol=0, atol=2e-2)
+    turn, line = expm(np.cross(np.eye(3), (0.3, -0.2, 0.5))), noisy_arc(60, 0.5)
+    one, other = (Wire.from_polyline(own) for own in (line, line @ turn.T + (4, -5, 6)))
+    assert torch.allclose(other.plane()[0], one.plane()[0] @ torch.from_numpy(turn.T), rtol=0, atol=1e-9)
+    shift = torch.tensor([4.0, -5.0, 6.0]).double() / one.scale
+    assert torch.allclose(other.plane()[1], one.plane()[1] @ torch.from_numpy(turn.T) + shift, rtol=0, atol=1e-9)
+
+
 def test_errors():
     with pytest.raises(ValueError, match="length must be positive, got 0"):
         Wire.from_omega((0.0, 1.0, 0.0), 0.0)

@@ -17,6 +17,8 @@ from brafit.geometry.fairness import EdgeCurvature
 SPANS = 0.02 + 0.01 * torch.arange(40, dtype=torch.float64) / 40
 PLACES = torch.cat((SPANS.new_zeros(1), SPANS.cumsum(0)))
 
+HEIGHT = torch.full((2,), 0.5, dtype=torch.float64)
+
 
 def sizes(curvature: torch.Tensor) -> float:
     """What the sizes of the changes count, without their squares."""
@@ -56,8 +58,8 @@ def test_a_stage_s_shares_count_only_while_it_runs():
     cup = strips(2)
     flat = varied(cup)
     unfair = cup.unfairness(flat)
-    full = fairness_blocks(cup, flat, unfair, 2.0, Shares())
-    part = fairness_blocks(cup, flat, unfair, 2.0, Shares(fairness=3.0, plainness=5.0, waves=0.0))
+    full = fairness_blocks(cup, flat, unfair, 2.0, Shares(), HEIGHT)
+    part = fairness_blocks(cup, flat, unfair, 2.0, Shares(fairness=3.0, plainness=5.0, waves=0.0), HEIGHT)
     torch.testing.assert_close(part[0].value(), 3 * 2 * fairness.FAIRNESS * unfair.square().sum(-1))
     torch.testing.assert_close(part[1].value(), 5 * full[1].value())
     assert (full[0].value() > part[0].value() / 3).all()
@@ -71,7 +73,7 @@ def test_each_change_has_its_span_and_series_have_none():
     assert cup.spans.sum().item() == pytest.approx(2 * cup.panels * (cup.grid.s[-1] - cup.grid.s[0]).item())
     frames = lune_frames(2)
     flat = near(frames)
-    own = fairness_blocks(frames, flat, frames.unfairness(flat), 1.0, Shares())[0]
+    own = fairness_blocks(frames, flat, frames.unfairness(flat), 1.0, Shares(), HEIGHT)[0]
     torch.testing.assert_close(own.value(), fairness.FAIRNESS * frames.unfairness(flat).square().sum(-1))
 
 

@@ -51,7 +51,7 @@ def test_second_derivatives_are_differences_of_first_ones(function):
     step = 1e-5
     for found, up, down in zip(second, first(step), first(-step), strict=True):
         known = (up - down) / (2 * step)
-        assert (found - known).norm() < 5e-5 * known.norm()  # as near as the feet are found
+        assert (found - known).norm() < 2e-4 * known.norm()  # as near as the feet are found
 
 
 def test_feet_that_are_held_have_other_second_derivatives():
