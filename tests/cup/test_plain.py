@@ -20,12 +20,11 @@ def heights(*values: float) -> torch.Tensor:
 
 @pytest.mark.parametrize("panels", [1, 2, 3, 4, 6])
 def test_the_higher_the_breast_the_wider_every_panel_in_the_middle(panels):
-    """T_0, T_2 and T_4 are 1, -1 and 1 there; all panels together are about as wide as the breast is high and long."""
+    """T_0, T_2 and T_4 are 1, -1 and 1 there. Angles do not count."""
     cup = StripsCup(half_circle(3), panels)
     values, counts = cup.plain(heights(0.28, 0.5, 0.75))
     width = (cup.split(values)["length"][..., :5:2] @ heights(1, -1, 1)).exp()
     assert (width.diff(dim=0) > 0).all()
-    assert ((width.sum(1) > 0.8) & (width.sum(1) < 3.0)).all(), width.sum(1)
     assert cup.split(counts[None])["angle"].abs().max() == 0
 
 
