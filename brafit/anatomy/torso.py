@@ -27,11 +27,12 @@ from brafit.anatomy.pair import Breast, are_alike, confidences, one_pair, trunk_
 from brafit.anatomy.wire_detection import Wire, concavity, plainness, trace
 from brafit.errors import InputError
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
-from brafit.surface.cleaning import averaged, inliers
+from brafit.surface.cleaning import inliers
 from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.neighbours import Neighbours
 from brafit.surface.normals import Surface, settle
 from brafit.surface.symmetry import Mirror, mirror_of
+from brafit.surface.thinning import averaged
 
 OF_WIRES = ("wire", "guessed", "inner_out", "inner_usual", "outer_usual")
 """Evidence that is of a wire's shape alone."""

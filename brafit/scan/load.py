@@ -136,7 +136,7 @@ class Preparation:
     """How a cloud becomes a scan: the settings of the group `scan`, but for the side.
 
     Attributes:
-        points: points of the fit at most, evenly spread (`brafit.surface.cleaning.thin`); None: all.
+        points: points of the fit at most, evenly spread (`brafit.surface.thinning.thin`); None: all.
         outliers: standard deviations above the mean distance to the neighbours at which a point is one; None: none is.
         neighbours: as many as that distance is taken to.
         units: unit of cloud and landmark file, one of `brafit.landmarks.units.MILLIMETRES`; None: what the landmark
