@@ -109,13 +109,14 @@ class LM:
         apart: by which share of the best start's objective another start must end above it to count as another optimum.
 
     Raises:
-        ValueError: there is no stage.
+        ValueError: there is no stage that is not `leading`.
     """
 
     def __init__(self, stages: Sequence[LMStage | dict], margin: float = 0.0, apart: float = APART):
         self.stages = [s if isinstance(s, LMStage) else LMStage(**s) for s in stages]
         self.margin, self.apart = margin, apart
-        Schedule(self.stages, _minimised)
+        if all(stage.leading for stage in self.stages):
+            raise ValueError("solver.stages needs at least one stage that is not leading")
 
     def solve(self, objective: Objective, start: Float[Tensor, "batch size"], callback: Callback | None) -> Solution:
         """Minimise every problem of the objective from its start."""

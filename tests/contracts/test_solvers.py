@@ -148,6 +148,7 @@ class TestSolver:
     ("make", "words"),
     [
         (lambda: LM([]), "at least one stage"),
+        (lambda: LM([{"steps": 5, "leading": True}]), "at least one stage that is not leading"),
         (lambda: LM([{"steps": 0}]), "steps >= 1"),
         (lambda: Anneal([Stage("sgd", 1, 1.0)]), "unknown optimiser 'sgd'"),
         (lambda: Anneal([Stage("adam", -1, 1.0)]), "steps >= 0"),
