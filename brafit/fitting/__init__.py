@@ -1,6 +1,6 @@
 """Fitting cups to scans: objective, solvers, results. Knows neither configuration files nor logs."""
 
-from brafit.fitting.anneal import Anneal, Stage
+from brafit.fitting.anneal import Anneal, AnnealStage
 from brafit.fitting.condition import Condition
 from brafit.fitting.differentiable import DifferentiableFit, FittedCups, TensorTarget
 from brafit.fitting.lm import LM, LMStage
@@ -16,6 +16,7 @@ from brafit.fitting.training import ConditionLoss
 __all__ = [
     "LM",
     "Anneal",
+    "AnnealStage",
     "Condition",
     "ConditionLoss",
     "Conditions",
@@ -27,7 +28,6 @@ __all__ = [
     "ResultCode",
     "Solution",
     "Solver",
-    "Stage",
     "Step",
     "Target",
     "TensorTarget",

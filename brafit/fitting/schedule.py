@@ -17,7 +17,7 @@ from torch import Tensor
 
 from brafit.fitting.closure import close
 from brafit.fitting.objective import Objective, Pressure
-from brafit.fitting.raising import Raised
+from brafit.fitting.raising import RaisedWeights
 from brafit.fitting.result import ResultCode
 from brafit.fitting.solver import Callback, Solution, Step
 from brafit.remarks import Remark
@@ -96,14 +96,14 @@ class _Run:
     steps: Int[Tensor, " batch"]
     codes: list[ResultCode]
     notes: list[list[Remark]]
-    raised: Raised
+    raised: RaisedWeights
 
     @staticmethod
     def of(start: Float[Tensor, "batch size"]) -> _Run:
         value = torch.full_like(start[:, 0], torch.inf)
         codes = [ResultCode.DIVERGED] * len(start)
         steps = torch.zeros_like(value, dtype=torch.long)
-        return _Run(start.clone(), value, steps, codes, [[] for _ in codes], Raised.none(start))
+        return _Run(start.clone(), value, steps, codes, [[] for _ in codes], RaisedWeights.none(start))
 
     def take(self, rows: Int[Tensor, " some"], ending: Ending) -> None:
         """What became of some problems."""

@@ -31,7 +31,7 @@ from brafit.scan.region import Gathered, Gathering
 from brafit.scan.wiring import Wiring
 from brafit.surface.cleaning import Cleaned, Cleaning, check_settings, finish
 from brafit.surface.cropping import facing, neckline_over
-from brafit.surface.gaps import Gaps, gaps
+from brafit.surface.gaps import DataGaps, gaps
 from brafit.surface.normals import surface_of
 from brafit.surface.thickness import fills_a_volume
 from brafit.underwires.sizes import wire_size
@@ -338,7 +338,7 @@ def _too_few(cloud: Cloud, steps: Cleaning) -> InputError:
     return InputError(cloud.path, f"{left} of {read} after cleaning and cropping", remedy)
 
 
-def _gaps(path: Path, cleaned: Cleaned, bounded: Bounded) -> Gaps | None:
+def _gaps(path: Path, cleaned: Cleaned, bounded: Bounded) -> DataGaps | None:
     """The gaps of a breast that has an upper line.
 
     Raises:
@@ -351,7 +351,7 @@ def _gaps(path: Path, cleaned: Cleaned, bounded: Bounded) -> Gaps | None:
     return found
 
 
-def _bare(found: Gaps) -> str:
+def _bare(found: DataGaps) -> str:
     return f"{100 * found.share:.0f} % of the surface between wire and upper line has no points"
 
 
@@ -362,7 +362,7 @@ def _scan(
     gathered: Gathered,
     bounded: Bounded,
     cleaned: Cleaned,
-    found: Gaps | None,
+    found: DataGaps | None,
     bridge: bool,
     notes: tuple[Remark, ...],
 ) -> Scan:
