@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from brafit.report.course import FitStep
+from brafit.report.fit_step import FitStep
 from brafit.run.job import Done, Overview, Row
 
 if TYPE_CHECKING:

@@ -27,6 +27,7 @@ from brafit.fitting import (
     Target,
 )
 from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.solver import Callback
 from brafit.fitting.targets import Targets
 from brafit.simulation.synthetic import on_panels
 
@@ -79,7 +80,7 @@ def problem(solver: str, targets: list[Target]) -> Objective:
     return Objective(cups(solver, len(targets)), stacked, conditions)
 
 
-def solved(solver: str, targets: list[Target], callback: Callable[[Step], None] | None = None) -> Solution:
+def solved(solver: str, targets: list[Target], callback: Callback | None = None) -> Solution:
     own = problem(solver, targets)
     return SOLVERS[solver](25).solve(own, own.cup.flatten().detach(), callback)
 
