@@ -32,7 +32,7 @@ from brafit.scan.wiring import Wiring
 from brafit.surface.cleaning import Cleaned, Cleaning, check_settings, finish
 from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.gaps import DataGaps, gaps
-from brafit.surface.normals import surface_of
+from brafit.surface.normals import FRONT, surface_of
 from brafit.surface.thickness import fills_a_volume
 from brafit.underwires.sizes import wire_size
 
@@ -40,8 +40,6 @@ MOSTLY = 0.98
 """Share of a mesh's points elsewhere from which on that is told as the cause: of a whole body, a breast is 2 %."""
 GAPS_MOST = 0.6
 """Share of the surface between wire and upper line without data from which on a scan is refused."""
-FRONT = np.array([0.0, 0.0, 1.0])
-"""Out of the chest, in the cup frame."""
 
 
 @dataclass(frozen=True, eq=False)

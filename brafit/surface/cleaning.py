@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from brafit.errors import ConfigError
 from brafit.surface.cropping import crop
 from brafit.surface.neighbours import Neighbours
-from brafit.surface.normals import NEIGHBOURS, Surface, links, on_surface, parts, settle, surface_of
+from brafit.surface.normals import FRONT, NEIGHBOURS, Surface, links, on_surface, parts, settle, surface_of
 from brafit.surface.thinning import averaged, first_of_each, thin
 
 DENSE = 32_000
@@ -138,7 +138,7 @@ def tidy(
     points, flag = points[kept], flag[kept]
     if len(points) <= NEIGHBOURS:
         return Tidy(points, flag, None, taken, np.concatenate(removed))
-    surface = surface_of(points, np.array([0.0, 0.0, 1.0]), known)
+    surface = surface_of(points, FRONT, known)
     part, sizes = parts(links(surface))
     kept = sizes[part] >= ISLAND * sizes[0]
     taken["islands"] = int((~kept).sum())
@@ -181,7 +181,7 @@ def finish(
     """
     chosen = tidied.inside
     if curve is not None:
-        surface = tidied.surface or surface_of(tidied.points, np.array([0.0, 0.0, 1.0]))
+        surface = tidied.surface or surface_of(tidied.points, FRONT)
         chosen = chosen & crop(surface, curve)[0]
     breast = tidied.points[chosen]
     thinned, voxel = thin(breast, count)
