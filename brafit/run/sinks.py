@@ -33,7 +33,6 @@ class Activity:
     """Scans in each stage just now."""
 
     loading: int = 0
-    waiting: int = 0
     fitting: int = 0
     writing: int = 0
 
