@@ -1,4 +1,6 @@
-"""Fitting cups to scans: objective, solvers, results. Knows neither configuration files nor logs."""
+"""Fitting cups to scans: objective, solvers, results. Reads neither settings nor files, writes no logs; errors and
+warnings name the setting that helps.
+"""
 
 from brafit.fitting.anneal import Anneal, AnnealStage
 from brafit.fitting.condition import Condition

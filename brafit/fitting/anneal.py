@@ -60,7 +60,7 @@ class AnnealStage:
 
     @property
     def settled(self) -> bool:
-        """Whether an upper edge that is off its neckline after the stage would be off at the end, too: it may not."""
+        """Never: later stages may still bring an upper edge to its neckline."""
         return False
 
     @property
