@@ -13,7 +13,7 @@ from pathlib import Path
 
 OWN = re.compile(
     r"(summary|sweep)(_\d+_of_\d+)?\.(csv|parquet)|index\.html|config\.yaml|errors\.log|tensorboard|sweep"
-    r"|patterns(_sheet)?\.(svg|dxf|pdf)|multirun\.yaml|(con|prn|aux|nul|com\d|lpt\d)(\..*)?"
+    r"|patterns(_sheet|_projector)?\.(svg|dxf|pdf)|multirun\.yaml|(con|prn|aux|nul|com\d|lpt\d)(\..*)?"
 )
 """Names in a run's folder that are no scan's: those of its own files, and those that Windows keeps for itself."""
 LONGEST = 180

@@ -21,7 +21,7 @@ from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
 from brafit.fitting import CupFit, Target
 from brafit.fitting.certainty import outline_deviation
-from brafit.fitting.result import Edges, Survey
+from brafit.fitting.result import EdgeDeviations, Survey
 from brafit.landmarks import CupFrame
 from brafit.pattern import (
     Pattern,
@@ -137,7 +137,7 @@ class Result:
         return survey_of(self.fit, self.fit.alternatives, self.apex, self.target.strap_point)
 
     @property
-    def _outlines(self) -> Sequence[Edges]:
+    def _outlines(self) -> Sequence[EdgeDeviations]:
         known = self._survey.outlines
         return known or (outline_deviation(self.fit.panels, self.fit.alternatives) if self.fit.alternatives else ())
 

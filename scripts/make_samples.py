@@ -17,7 +17,7 @@ from brafit.atomic import write_bytes, write_text
 from brafit.cloud import Cloud, read_cloud
 from brafit.errors import InputError
 from brafit.landmarks import landmarks_path, read_landmarks
-from brafit.surface.cleaning import uncrowd
+from brafit.surface.thinning import uncrowd
 
 NAMES = ("anny_01", "anny_04", "anny_09")
 POINTS = 4000

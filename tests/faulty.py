@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from brafit.cup import FramesCup
-from brafit.fitting import Anneal, Conditions, CupFit, ResultCode, Stage, Target
+from brafit.fitting import Anneal, AnnealStage, Conditions, CupFit, ResultCode, Target
 from brafit.pattern import PatternOptions
 from brafit.run.recipe import Recipe
 
@@ -22,7 +22,7 @@ def plain(pattern: PatternOptions = LEAN, kind: type[Recipe] = Recipe, **more: A
     """A fit that ends in a second; how good it is does not matter here."""
     return kind(
         cup=partial(FramesCup, panels=2, terms=2, stations=21),
-        solver=Anneal([Stage("adam", 3, 1.0), Stage("lbfgs", 5, 10.0)]),
+        solver=Anneal([AnnealStage("adam", 3, 1.0), AnnealStage("lbfgs", 5, 10.0)]),
         condition=Conditions(),
         pattern=pattern,
         scan={"points": 60},

@@ -66,6 +66,7 @@ def breaches(part: str, text: str) -> list[str]:
 
 
 FILES = [file for file in sorted(ROOT.rglob("*.py")) if part_of(file) != "conf"]
+"""`brafit/conf` is no part: a link to the settings that a working tree may have, and that a wheel has as a folder."""
 
 
 def test_every_part_has_its_layer_and_every_layer_its_parts():

@@ -13,8 +13,9 @@ from brafit.anatomy.body import Body, shoulders
 from brafit.anatomy.wire_detection import concavity
 from brafit.cloud.read import MIN_POINTS
 from brafit.geometry.polyline import evenly_spaced
-from brafit.surface.cleaning import averaged, tidy
+from brafit.surface.cleaning import tidy
 from brafit.surface.normals import Surface, settle, surface_of
+from brafit.surface.thinning import averaged
 
 COARSE, DENSE = 6_000, 24_000
 """Points about a breast that are used, at most: in the first, rough pass, and in the final one."""

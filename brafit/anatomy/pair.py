@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from brafit.anatomy.body import Body
 from brafit.anatomy.confidence import Confidence, compared, evidence
-from brafit.anatomy.wire_detection import Wire
+from brafit.anatomy.wire_detection import FoundWire
 from brafit.geometry.polyline import polyline_length
 from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.normals import Surface
@@ -40,14 +40,14 @@ class Breast:
 
     side: str
     apex: Float[np.ndarray, "3"]
-    wire: Wire
+    wire: FoundWire
     strap: Float[np.ndarray, "3"]
     upper_line: Float[np.ndarray, "m 3"]
     surface: Surface
 
     def mapped(self, mirror: Mirror, side: str) -> Breast:
         """Its marks on the other breast, which keeps its own name and surface for whoever looks them up there."""
-        wire = replace(self.wire, wire=mirror(self.wire.wire))
+        wire = replace(self.wire, line=mirror(self.wire.line))
         return Breast(side, mirror(self.apex), wire, mirror(self.strap), mirror(self.upper_line), self.surface)
 
 
@@ -76,7 +76,7 @@ def confidences(body: Body, found: Sequence[Breast]) -> list[Confidence]:
         return alone
     pair = _compared(body, found)
     deepest = max(max(breast.wire.hollow for breast in found), 1e-9)
-    lengths = [polyline_length(breast.wire.wire) for breast in found]
+    lengths = [polyline_length(breast.wire.line) for breast in found]
     both = []
     for k, one in enumerate(alone):
         own = {"crease": max(found[k].wire.hollow, 0.0) / deepest, "longer": lengths[k] - lengths[1 - k]}
@@ -117,10 +117,10 @@ def are_alike(
     return breasts_apart(before(points), before(mirror(points)), middle, length) < ALIKE
 
 
-def mean_wire(wires: Sequence[Wire]) -> Wire:
+def mean_wire(wires: Sequence[FoundWire]) -> FoundWire:
     """The mean of wires that were found on the same breast, with as many points each."""
-    return Wire(
-        np.mean([one.wire for one in wires], axis=0),
+    return FoundWire(
+        np.mean([one.line for one in wires], axis=0),
         float(np.mean([one.guessed for one in wires])),
         float(np.mean([one.hollow for one in wires])),
     )
@@ -157,12 +157,12 @@ def one_pair(
 
 
 def _alone(body: Body, breast: Breast) -> Confidence:
-    found = evidence(breast.surface, body, breast.side, breast.apex, breast.wire.wire)
+    found = evidence(breast.surface, body, breast.side, breast.apex, breast.wire.line)
     return Confidence(breast.side, found)
 
 
 def _compared(body: Body, found: Sequence[Breast]) -> dict[str, float]:
-    return compared(body, {b.side: b.apex for b in found}, {b.side: b.wire.wire for b in found})
+    return compared(body, {b.side: b.apex for b in found}, {b.side: b.wire.line for b in found})
 
 
 def _agreement(body: Body, found: Sequence[Breast], trusted: Sequence[Confidence]) -> dict[str, float]:
@@ -185,6 +185,6 @@ def _mean(side: str, found: Sequence[Breast]) -> Breast:
 
 
 def _upper_line(breast: Breast, body: Body) -> np.ndarray:
-    wire = breast.wire.wire
+    wire = breast.wire.line
     trunk = trunk_of(breast.surface, wire, body, breast.side)
     return neckline_over(trunk, wire[0], breast.strap, wire[-1], facing(wire, body.front))

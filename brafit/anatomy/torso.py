@@ -24,14 +24,15 @@ from brafit.anatomy.body import (
 )
 from brafit.anatomy.confidence import Confidence, evidence, refusal
 from brafit.anatomy.pair import Breast, are_alike, confidences, one_pair, trunk_of
-from brafit.anatomy.wire_detection import Wire, concavity, plainness, trace
+from brafit.anatomy.wire_detection import FoundWire, concavity, plainness, trace
 from brafit.errors import InputError
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
-from brafit.surface.cleaning import averaged, inliers
+from brafit.surface.cleaning import inliers
 from brafit.surface.cropping import facing, neckline_over
 from brafit.surface.neighbours import Neighbours
 from brafit.surface.normals import Surface, settle
 from brafit.surface.symmetry import Mirror, mirror_of
+from brafit.surface.thinning import averaged
 
 OF_WIRES = ("wire", "guessed", "inner_out", "inner_usual", "outer_usual")
 """Evidence that is of a wire's shape alone."""
@@ -43,7 +44,7 @@ GLANCE = 3
 """The first, rough pass uses every third point."""
 TORSO_SIZE = 450.0
 """Least diagonal (mm) of a torso's box."""
-ALIKE = 0.7
+SAME_WAY = 0.7
 """Least cosine between axes of a body that were found in two ways, if they are to be those of one body."""
 GORE = 20.0
 """Nearer to the mirror plane (mm) a proposed wire is moved outwards, by a quarter of this on the plane itself, so that
@@ -113,7 +114,7 @@ def proposals(path: Path, points: Float[np.ndarray, "n 3"], mirror: Mirror | Non
     if sound:
         mirror = mirror or mirror_of(points)
         first = sound[0]
-        if are_alike(points, mirror, body, first.side, first.apex, first.wire.wire):
+        if are_alike(points, mirror, body, first.side, first.apex, first.wire.line):
             found, trusted = one_pair(mirror, body, found, trusted)
             one = _marks(path, found[0], body)
             both = [one, one.mapped(mirror, side=found[1].side)]
@@ -149,7 +150,7 @@ def _body_about(
 ) -> Body:
     """Axes of the body by a breast's marks and, where the scan shows it, by the plane between left and right."""
     rough = body_from_marks(wire[[0, -1]], wire.mean(axis=0) - (wire[0] + wire[-1]) / 2, apex, side)
-    if mirror is None or abs(float(mirror.normal @ rough.left)) < ALIKE:  # not a plane between left and right
+    if mirror is None or abs(float(mirror.normal @ rough.left)) < SAME_WAY:  # not a plane between left and right
         return rough
     left = mirror.normal * (1.0 if side == "left" else -1.0)
     left = left * (1.0 if apex @ mirror.normal >= mirror.offset else -1.0)
@@ -159,11 +160,11 @@ def _body_about(
     if looked_at:
         return body
     whole = body_of(points)  # a wire that is in doubt itself is a poor guide to what is up
-    return whole if min(whole.left @ body.left, whole.front @ body.front) > ALIKE else body
+    return whole if min(whole.left @ body.left, whole.front @ body.front) > SAME_WAY else body
 
 
 def _marks(path: Path, breast: Breast, body: Body) -> Landmarks:
-    wire = breast.wire.wire
+    wire = breast.wire.line
     named = {"inner_end": wire[0], "outer_end": wire[-1], "wire_bottom": _lowest(wire, body.up)}
     named |= {"apex": breast.apex, "strap_point": breast.strap}
     return Landmarks(landmarks_path(path), path.stem, breast.side, wire, breast.upper_line, named, "mm", proposed=True)
@@ -236,33 +237,33 @@ def _breasts(points: np.ndarray, body: Body) -> list[Breast]:
 
 
 def _breast(points: np.ndarray, body: Body, side: str, apex: np.ndarray, surface: Surface) -> Breast:
-    apex = nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side)
+    apex = nudged(surface, apex, _wire(surface, apex, body, side).line, body, side)
     wire = _on_its_side(_wire(surface, apex, body, side), body, side)
-    front = facing(wire.wire, body.front)
-    trunk = trunk_of(surface, wire.wire, body, side)
-    strap = _strap(trunk, wire.wire, apex, _shoulder(points, apex, body, side), front, body)
-    upper = neckline_over(trunk, wire.wire[0], strap, wire.wire[-1], front)
+    front = facing(wire.line, body.front)
+    trunk = trunk_of(surface, wire.line, body, side)
+    strap = _strap(trunk, wire.line, apex, _shoulder(points, apex, body, side), front, body)
+    upper = neckline_over(trunk, wire.line[0], strap, wire.line[-1], front)
     return Breast(side, apex, wire, strap, upper, surface)
 
 
 def _bust_point(points: np.ndarray, body: Body, side: str) -> tuple[np.ndarray, Surface]:
     """The bust point as the surface and the wire found show it, and the surface about it."""
     apex, surface = apex_on(points, body, side)
-    return nudged(surface, apex, _wire(surface, apex, body, side).wire, body, side), surface
+    return nudged(surface, apex, _wire(surface, apex, body, side).line, body, side), surface
 
 
-def _wire(surface: Surface, apex: np.ndarray, body: Body, side: str, ends: np.ndarray | None = None) -> Wire:
+def _wire(surface: Surface, apex: np.ndarray, body: Body, side: str, ends: np.ndarray | None = None) -> FoundWire:
     """The wire found, in the scan's frame."""
     axes = body.breast_axes(side)
     found = trace(_in_breast_frame(surface, apex, body, side), None if ends is None else (ends - apex) @ axes.T)
-    return Wire(found.wire @ axes + apex, found.guessed, found.hollow)
+    return FoundWire(found.line @ axes + apex, found.guessed, found.hollow)
 
 
-def _on_its_side(wire: Wire, body: Body, side: str) -> Wire:
+def _on_its_side(wire: FoundWire, body: Body, side: str) -> FoundWire:
     """The wire with what comes nearer than GORE to the mirror plane, or across it, moved outwards."""
-    out = body.away(wire.wire, side)
+    out = body.away(wire.line, side)
     step = np.clip(GORE - out, 0, 2 * GORE) ** 2 / (4 * GORE)
-    return replace(wire, wire=wire.wire + step[:, None] * body.outwards(side)[0])
+    return replace(wire, line=wire.line + step[:, None] * body.outwards(side)[0])
 
 
 def _in_breast_frame(surface: Surface, apex: np.ndarray, body: Body, side: str) -> Surface:
@@ -276,7 +277,7 @@ def wire_about(
     side: str,
     apex: Float[np.ndarray, "3"],
     ends: Float[np.ndarray, "2 3"] | None = None,
-) -> Wire:
+) -> FoundWire:
     """The wire found in the crease of the breast with this apex (scan's frame, mm).
 
     Args:

@@ -88,21 +88,21 @@ COUNT = 51
 
 
 @dataclass(frozen=True, eq=False)
-class Wire:
+class FoundWire:
     """A wire line that was found.
 
     Attributes:
-        wire: points from the inner to the outer end.
+        line: points from the inner to the outer end.
         guessed: share of its length where the scan shows no crease, or where a rigid wire does not lie in it.
         hollow: mean concavity along it: how plain the crease is.
     """
 
-    wire: Float[np.ndarray, "k 3"]
+    line: Float[np.ndarray, "k 3"]
     guessed: float
     hollow: float
 
 
-def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wire:
+def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> FoundWire:
     """The wire line on a surface about a breast, in the breast frame (see above).
 
     Args:
@@ -122,7 +122,7 @@ def trace(surface: Surface, ends: Float[np.ndarray, "2 3"] | None = None) -> Wir
         if _astray(surface, wire, start, 0.0):
             wire = evenly_spaced(_cut(evenly_spaced(start, 1000), None), STATIONS)
         guessed = guessed_share(surface, wire)
-    return Wire(evenly_spaced(wire, COUNT), guessed, _plainness(strength))
+    return FoundWire(evenly_spaced(wire, COUNT), guessed, _plainness(strength))
 
 
 def guessed_share(surface: Surface, wire: Float[np.ndarray, "k 3"]) -> float:
@@ -172,7 +172,7 @@ def _settled(surface: Surface, start: np.ndarray, ends: np.ndarray | None, first
 
 
 def plainness(surface: Surface) -> float:
-    """How plain a crease there is below the apex: about `Wire.hollow` of the wire that `trace` would find."""
+    """How plain a crease there is below the apex: about `FoundWire.hollow` of the wire that `trace` would find."""
     surface, hollow = _hollow(surface)
     image = _image(surface.points, hollow)
     return _plainness(_drawn(image, _starts(image)[0])[1])
@@ -189,7 +189,7 @@ def _plainness(strength: np.ndarray) -> float:
     return float(np.clip(strength, 0, DEEPEST).mean())
 
 
-def laid(found: Wire, arc: Float[np.ndarray, "k 2"]) -> Wire:
+def laid(found: FoundWire, arc: Float[np.ndarray, "k 2"]) -> FoundWire:
     """A rigid planar wire laid on a crease that was found, as near to it as a rigid motion brings it: first place by
     place from end to end, then by iterated nearest points.
 
@@ -197,9 +197,9 @@ def laid(found: Wire, arc: Float[np.ndarray, "k 2"]) -> Wire:
         found: the wire line in the crease, in any frame.
         arc: the wire: depth below its chord and place along it, mm.
     """
-    crease, flat = evenly_spaced(found.wire, 500), np.column_stack([arc, np.zeros(len(arc))])
+    crease, flat = evenly_spaced(found.line, 500), np.column_stack([arc, np.zeros(len(arc))])
     tree = KDTree(crease)
-    placed = laid_on(flat, evenly_spaced(found.wire, len(arc)))
+    placed = laid_on(flat, evenly_spaced(found.line, len(arc)))
     for _ in range(FITTINGS):
         near = np.asarray(tree.query(placed)[1])
         within = (near > 0) & (near < len(crease) - 1)
@@ -207,7 +207,7 @@ def laid(found: Wire, arc: Float[np.ndarray, "k 2"]) -> Wire:
             break
         placed = laid_on(flat, crease[near], within)
     within = np.asarray(tree.query(placed)[0]) <= ASTRAY
-    return Wire(placed, float(1 - (1 - found.guessed) * within.mean()), found.hollow)
+    return FoundWire(placed, float(1 - (1 - found.guessed) * within.mean()), found.hollow)
 
 
 def _unmarked(surface: Surface, line: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,8 @@
-"""Fitting cups to scans: objective, solvers, results. Knows neither configuration files nor logs."""
+"""Fitting cups to scans: objective, solvers, results. Reads neither settings nor files, writes no logs; errors and
+warnings name the setting that helps.
+"""
 
-from brafit.fitting.anneal import Anneal, Stage
+from brafit.fitting.anneal import Anneal, AnnealStage
 from brafit.fitting.condition import Condition
 from brafit.fitting.differentiable import DifferentiableFit, FittedCups, TensorTarget
 from brafit.fitting.lm import LM, LMStage
@@ -16,6 +18,7 @@ from brafit.fitting.training import ConditionLoss
 __all__ = [
     "LM",
     "Anneal",
+    "AnnealStage",
     "Condition",
     "ConditionLoss",
     "Conditions",
@@ -27,7 +30,6 @@ __all__ = [
     "ResultCode",
     "Solution",
     "Solver",
-    "Stage",
     "Step",
     "Target",
     "TensorTarget",

@@ -20,7 +20,7 @@ OPTIMISERS = ("adam", "lbfgs")
 
 
 @dataclass(frozen=True)
-class Stage:
+class AnnealStage:
     """One stage of the schedule.
 
     Attributes:
@@ -60,7 +60,7 @@ class Stage:
 
     @property
     def settled(self) -> bool:
-        """Whether an upper edge that is off its neckline after the stage would be off at the end, too: it may not."""
+        """Never: later stages may still bring an upper edge to its neckline."""
         return False
 
     @property
@@ -74,15 +74,15 @@ class Anneal:
     penalty held.
 
     Args:
-        stages: the schedule (`Stage`s or mappings with their fields).
+        stages: the schedule (`AnnealStage`s or mappings with their fields).
         tolerance: relative change of the value at which a stage of L-BFGS has converged.
 
     Raises:
         ValueError: there is no stage.
     """
 
-    def __init__(self, stages: Sequence[Stage | dict], tolerance: float = 1e-6):
-        self.stages = [s if isinstance(s, Stage) else Stage(**s) for s in stages]
+    def __init__(self, stages: Sequence[AnnealStage | dict], tolerance: float = 1e-6):
+        self.stages = [s if isinstance(s, AnnealStage) else AnnealStage(**s) for s in stages]
         self.tolerance = tolerance
         self._schedule = Schedule(self.stages, self._minimise)
 
@@ -92,7 +92,9 @@ class Anneal:
         """
         return self._schedule.solve(objective, start, callback)
 
-    def _minimise(self, objective: Objective, place: Tensor, pressure: Pressure, stage: Stage, tell: Tell) -> Ending:
+    def _minimise(
+        self, objective: Objective, place: Tensor, pressure: Pressure, stage: AnnealStage, tell: Tell
+    ) -> Ending:
         """One stage."""
         watch = _Watch(objective.seen(stage.points), pressure, tell)
         if stage.optimiser == "lbfgs":
@@ -102,7 +104,7 @@ class Anneal:
         value = watch.objective.value(best, pressure)
         return Ending(best, value, torch.zeros_like(diverged), diverged, steps)
 
-    def _lbfgs(self, watch: _Watch, place: Tensor, stage: Stage) -> Ending:
+    def _lbfgs(self, watch: _Watch, place: Tensor, stage: AnnealStage) -> Ending:
         transform = whitening(normal_equations(watch.objective, place, watch.pressure).matrix, stage.damping)
 
         def scaled(z: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:

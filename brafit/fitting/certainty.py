@@ -34,7 +34,7 @@ from brafit.cup.wire import Wire
 from brafit.fitting.normal import PointRows, Points, assembled, slices
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.pulls import Pulls
-from brafit.fitting.result import Edges
+from brafit.fitting.result import EdgeDeviations
 from brafit.fitting.stiffness import bends, creases, softened, spanned
 from brafit.geometry.developable import dot
 from brafit.geometry.development import FlatPanel
@@ -296,7 +296,7 @@ def _across(
     return (moved * across.conj()[..., None, :, :, :]).real.square().sum(-4).sqrt()
 
 
-def outline_deviation(panels: Sequence[FlatPanel], alternatives: Sequence[Alternative]) -> list[Edges]:
+def outline_deviation(panels: Sequence[FlatPanel], alternatives: Sequence[Alternative]) -> list[EdgeDeviations]:
     """Standard deviation (mm) of the place of every piece's edges, across them, at the stations: for each panel of the
     lower and of the upper edge. Alternatives are laid on the fit's piece as a rigid motion fits best.
 
@@ -314,7 +314,7 @@ def outline_deviation(panels: Sequence[FlatPanel], alternatives: Sequence[Altern
     return outline_deviations(torch.stack(flat)[None])[0]
 
 
-def outline_deviations(flat: Float[Tensor, "fits each panels 2 n 2"]) -> list[list[Edges]]:
+def outline_deviations(flat: Float[Tensor, "fits each panels 2 n 2"]) -> list[list[EdgeDeviations]]:
     """`outline_deviation` of several fits, for each panel of each.
 
     Args:

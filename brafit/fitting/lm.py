@@ -13,8 +13,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from brafit.fitting.bending import Bending
 from brafit.fitting.fairness import Shares
+from brafit.fitting.missing_hessian import MissingHessian
 from brafit.fitting.normal import Normal, normal_equations
 from brafit.fitting.objective import APEX, Objective, Pressure
 from brafit.fitting.schedule import APART, Ending, Schedule, Tell
@@ -109,13 +109,14 @@ class LM:
         apart: by which share of the best start's objective another start must end above it to count as another optimum.
 
     Raises:
-        ValueError: there is no stage.
+        ValueError: there is no stage that is not `leading`.
     """
 
     def __init__(self, stages: Sequence[LMStage | dict], margin: float = 0.0, apart: float = APART):
         self.stages = [s if isinstance(s, LMStage) else LMStage(**s) for s in stages]
         self.margin, self.apart = margin, apart
-        Schedule(self.stages, _minimised)
+        if all(stage.leading for stage in self.stages):
+            raise ValueError("solver.stages needs at least one stage that is not leading")
 
     def solve(self, objective: Objective, start: Float[Tensor, "batch size"], callback: Callback | None) -> Solution:
         """Minimise every problem of the objective from its start."""
@@ -164,7 +165,7 @@ def minimise(
     damping = torch.full_like(here.value, 1e-3)
     growth, reach = torch.full_like(damping, 2.0), torch.ones_like(damping)
     ended = diverged.clone()
-    bending = Bending.none(here)
+    missing = MissingHessian.none(here)
     history = []
     for count in range(stage.steps):
         running = ~ended[index]
@@ -175,9 +176,9 @@ def minimise(
             index, place, here = index[keep], place[keep], here.select(keep)
             damping, growth, reach = damping[keep], growth[keep], reach[keep]
             objective, pressure = objective.select(keep), pressure.select(keep)
-            bending = bending.select(keep)
+            missing = missing.select(keep)
             running = running[keep]
-        move, fall, bend = _step(here, damping, bending.of())
+        move, fall, bend = _step(here, damping, missing.to_add)
         expected = fall - 0.5 * bend
         trial = place.clone()
         trial[:, columns] += reach[:, None] * move
@@ -189,7 +190,7 @@ def minimise(
         small = stage.tolerance * here.value
         finished = running & (expected < small) & (gain.abs() < small) & finite
         finished |= running & (damping > 1e10)
-        bending = bending.learnt(here, there, reach[:, None] * move, accepted)
+        missing = missing.learnt(here, there, reach[:, None] * move, accepted)
         place = torch.where(accepted[:, None], trial, place)
         here = there.choose(accepted, here)
         damping, growth, reach = _adapted(damping, growth, reach, fall, bend, gain, accepted, finite)
@@ -203,17 +204,17 @@ def minimise(
 
 
 def _step(
-    here: Normal, damping: Tensor, bending: Tensor
+    here: Normal, damping: Tensor, missing: Tensor
 ) -> tuple[Float[Tensor, "batch columns"], Float[Tensor, " batch"], Float[Tensor, " batch"]]:
     """The damped step m, the value's fall -g.m along it and its bend m.H.m: the quadratic model decreases by
-    fall - bend / 2. H is the Gauss-Newton matrix and the bending that it lacks; without the latter where their sum is
-    not positive.
+    fall - bend / 2. H is the Gauss-Newton matrix and what it lacks of the Hessian; without the latter where their sum
+    is not positive.
     """
     diagonal = here.matrix.diagonal(dim1=-2, dim2=-1)
     scale = torch.maximum(diagonal, 1e-6 * diagonal.amax(-1, keepdim=True)).clamp_min(1e-30)
     extra = damping[:, None] * scale
     damped = here.matrix + torch.diag_embed(extra)
-    solved, usable = solved_each(damped + bending, here.gradient)
+    solved, usable = solved_each(damped + missing, here.gradient)
     if not usable.all():
         left = (~usable).nonzero()[:, 0]
         solved[left], usable[left] = solved_each(damped[left], here.gradient[left])

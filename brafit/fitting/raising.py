@@ -26,7 +26,7 @@ _RESPONSE = 1.5
 
 
 @dataclass(frozen=True)
-class Raised:
+class RaisedWeights:
     """Factors of the weights of B problems, and multipliers of their constraints; they grow as a solver goes on.
 
     Attributes:
@@ -40,10 +40,10 @@ class Raised:
     multipliers: dict[str, Float[Tensor, "batch m"]] = field(default_factory=dict)
 
     @staticmethod
-    def none(start: Float[Tensor, "batch size"]) -> Raised:
+    def none(start: Float[Tensor, "batch size"]) -> RaisedWeights:
         """Of problems with these starts, none raised yet."""
         barrier, neckline, seam = (torch.ones_like(start[:, :1]) for _ in range(3))
-        return Raised(barrier, neckline, seam)
+        return RaisedWeights(barrier, neckline, seam)
 
     def pressure(self, penalty: float, final: float | None = None) -> Pressure:
         """How hard all conditions press now.

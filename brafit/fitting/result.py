@@ -9,8 +9,8 @@ from enum import Enum
 from jaxtyping import Float
 from numpy import ndarray
 
-Edges = tuple[Float[ndarray, " n"], Float[ndarray, " n"]]
-"""Numbers at the stations of a panel's lower and upper edge."""
+EdgeDeviations = tuple[Float[ndarray, " n"], Float[ndarray, " n"]]
+"""Standard deviations (mm) of the places of a panel's lower and upper edge, at the stations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,13 +20,12 @@ class Survey:
     Attributes:
         taped: lengths over the surface, mm, by their names; without those that the cup does not have.
         deviation: standard deviations of dimensions by part and name, mm or cm2; none without alternatives.
-        outlines: standard deviations (mm) of the places of each panel's edges, see
-            `brafit.fitting.certainty.outline_deviation`; none where nobody asked for them.
+        outlines: of each panel, see `brafit.fitting.certainty.outline_deviation`; none where nobody asked for them.
     """
 
     taped: Mapping[str, float]
     deviation: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    outlines: Sequence[Edges] = ()
+    outlines: Sequence[EdgeDeviations] = ()
 
 
 class ResultCode(Enum):

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from brafit.fitting.closure import close
 from brafit.fitting.objective import Objective, Pressure
-from brafit.fitting.raising import Raised
+from brafit.fitting.raising import RaisedWeights
 from brafit.fitting.result import ResultCode
 from brafit.fitting.solver import Callback, Solution, Step
 from brafit.remarks import Remark
@@ -89,21 +89,21 @@ Minimise = Callable[[Objective, Tensor, Pressure, S, Tell], Ending]
 
 @dataclass
 class _Run:
-    """Where all problems stand. `notes`: what is to be said of each."""
+    """Where all problems stand. `warnings`: what is to be said of each."""
 
     place: Float[Tensor, "batch size"]
     value: Float[Tensor, " batch"]
     steps: Int[Tensor, " batch"]
     codes: list[ResultCode]
-    notes: list[list[Remark]]
-    raised: Raised
+    warnings: list[list[Remark]]
+    raised: RaisedWeights
 
     @staticmethod
     def of(start: Float[Tensor, "batch size"]) -> _Run:
         value = torch.full_like(start[:, 0], torch.inf)
         codes = [ResultCode.DIVERGED] * len(start)
         steps = torch.zeros_like(value, dtype=torch.long)
-        return _Run(start.clone(), value, steps, codes, [[] for _ in codes], Raised.none(start))
+        return _Run(start.clone(), value, steps, codes, [[] for _ in codes], RaisedWeights.none(start))
 
     def take(self, rows: Int[Tensor, " some"], ending: Ending) -> None:
         """What became of some problems."""
@@ -160,7 +160,7 @@ class Schedule(Generic[S]):
             if stage.keep is not None:
                 live = self._drop(run, objective.rivals, live, stage.keep, noted=stage.keep == last_drop)
         pressure = run.raised.pressure(penalty)
-        return Solution(_closed(run, objective, pressure), run.codes, run.steps, pressure, run.notes)
+        return Solution(_closed(run, objective, pressure), run.codes, run.steps, pressure, run.warnings)
 
     def _run(self, run: _Run, objective: Objective, stage: S, rows: Int[Tensor, " some"], tell: Tell) -> None:
         """One stage of some problems."""
@@ -200,7 +200,7 @@ class Schedule(Generic[S]):
                 worst = max(ends[row] for row in apart) / best - 1
                 words = f"{len(apart)} of the last {len(own)} starts ended in another optimum, up to {worst:.0%} worse"
                 for row in order[:keep]:
-                    run.notes[row].append(Remark("starts_apart", words))
+                    run.warnings[row].append(Remark("starts_apart", words))
         return torch.tensor(sorted(chosen), device=live.device)
 
 

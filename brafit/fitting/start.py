@@ -51,19 +51,18 @@ def start_cups(cup: Cup, targets: Sequence[Target], restarts: int = 1) -> Float[
     return curves
 
 
-def start_curves(target: Target, panels: int, count: int, seed: int = 0) -> Float[np.ndarray, "count panels m 3"]:
+def start_curves(target: Target, panels: int, count: int) -> Float[np.ndarray, "count panels m 3"]:
     """Curves for the panels' upper edges, mm, for `count` starts of one scan.
 
     Seen along the wire's chord (the y axis), the cup is a profile from the wire's bottom over the apex to the upper
     edge. Each ridge is the section of the cloud at an angle about the chord between those two. The first start puts
-    the ridges where breasts' cups usually have them, the next ones move them down and up, any further ones at random
-    (from `seed`, the same for every scan). The last curve is the neckline, or the section where the cloud ends.
+    the ridges where breasts' cups usually have them, the next ones move them down and up, any further ones at
+    random (the same for every scan). The last curve is the neckline, or the section where the cloud ends.
 
     Args:
         target: the scan.
         panels: of the cup.
         count: number of starts.
-        seed: of the starts beyond those in `_SPREAD`.
     """
 
     def polar(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -79,7 +78,7 @@ def start_curves(target: Target, panels: int, count: int, seed: int = 0) -> Floa
         end = polar(target.seen)[0] if target.strap_point is None else polar(target.strap_point[None])[0]
         top = np.quantile(end, 0.98)
         last = cloud.section(top)
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     curves = np.empty((count, panels, SAMPLES, 3))
     for k in range(count):
         spread = _SPREAD[k] if k < len(_SPREAD) else random.uniform(0.6, 1.45)

@@ -24,7 +24,7 @@ from brafit.marking.opening import Opening, opening_of
 from brafit.marking.skin import SIZES, Skin, skin_of
 from brafit.naming import shown
 from brafit.report.html import page
-from brafit.surface.cleaning import distinct
+from brafit.surface.thinning import distinct
 
 SCRIPTS = (
     "vectors", "skin", "curve", "camera", "shaders", "picture", "marks", "strokes", "judgement", "memory", "panel",

@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Float, Int8, UInt8, UInt16
 from numpy import ndarray
 
-from brafit.surface.cleaning import averaged, distinct, lonely
+from brafit.surface.cleaning import lonely
 from brafit.surface.neighbours import Neighbours
 from brafit.surface.normals import on_surface
 from brafit.surface.planes import normals_at
+from brafit.surface.thinning import averaged, distinct
 
 MOST = 400_000
 """Points that a page holds; of denser scans the averages of small cells are taken, so that no point of the scan is far

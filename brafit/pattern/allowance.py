@@ -18,6 +18,7 @@ from numpy import ndarray
 from shapely import LineString, Polygon, make_valid
 from shapely.geometry.base import BaseGeometry
 
+from brafit.geometry.polyline import polyline_length, running_length
 from brafit.pattern.curve import TOLERANCE, Curve, Stretch, closed, cross, curves_through, fit_curves, offsets, right_of
 from brafit.remarks import Remark
 
@@ -300,7 +301,8 @@ def _traced(
     ring: Float[ndarray, "n 2"], curves: Sequence[Curve], widths: Sequence[float], outward: float
 ) -> list[Curve]:
     """A polygon as smooth curves: the parallels wherever it follows them, else through its own corners."""
-    outline = LineString(np.vstack((ring, ring[:1])))
+    around = np.vstack((ring, ring[:1]))
+    outline = LineString(around)
     shapely.prepare(outline)
     total = outline.length
     ends: list[tuple[float, float]] = []  # places on the ring of start and end of what is drawn as one curve
@@ -313,14 +315,14 @@ def _traced(
         on[1:-1] &= ((points[2:] - points[:-2]) * tangents[1:-1]).sum(1) > 0  # not where the parallel runs backwards
         for a, b in _runs(on):
             part = points[a:b]
-            if b - a > 3 and np.linalg.norm(np.diff(part, axis=0), axis=1).sum() > 0.5:
+            if b - a > 3 and polyline_length(part) > 0.5:
                 first, last = np.asarray(shapely.line_locate_point(outline, shapely.points(part[[0, -1]])))
                 ends.append((float(first), float(last)))
                 stretches.append(Stretch(trace, float(u[a]), float(u[b - 1])))
     runs = [(*places, curve) for places, curve in zip(ends, fit_curves(stretches, TOLERANCE), strict=True)]
     if not runs:
-        return _portions(np.vstack((ring, ring[:1])))
-    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(np.vstack((ring, ring[:1])), axis=0), axis=1)))[:-1]
+        return _portions(around)
+    along = running_length(around)[:-1]
     joined: list[Curve] = []
     for (_, left, run), (reached, _, after) in pairwise([*runs, runs[0]]):
         joined.append(run)

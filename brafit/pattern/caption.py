@@ -12,6 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from shapely import LineString, Polygon
 
+from brafit.geometry.polyline import running_length
 from brafit.pattern.curve import Curve
 from brafit.pattern.label import LEVEL, Caption, Sight, box_corners, polygons, text_width
 
@@ -268,5 +269,5 @@ def _from_tip(
 def _along(curve: Curve, distances: Float[ndarray, " n"]) -> Float[ndarray, "n 2"]:
     """About the points at arc lengths from a curve's start."""
     points = curve.polyline(0.05)
-    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    lengths = running_length(points)
     return np.stack([np.interp(distances, lengths, points[:, i]) for i in range(2)], axis=-1)

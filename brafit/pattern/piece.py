@@ -17,6 +17,7 @@ from shapely import LinearRing
 
 from brafit.cup.names import edge_names, panel_names
 from brafit.geometry.development import FlatPanel
+from brafit.geometry.polyline import polyline_length, running_length
 
 Kind = Literal["wire", "ridge", "upper"]
 """What an edge is sewn to: the wire casing, the neighbouring panel, or nothing (the free upper edge)."""
@@ -56,11 +57,11 @@ class Edge:
     @property
     def length(self) -> float:
         """Length of the polyline in mm."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return polyline_length(self.points)
 
     def at(self, fraction: float) -> Float[ndarray, "2"]:
         """The point after `fraction` of the length, 0 at the first sample and 1 at the last."""
-        along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))]
+        along = running_length(self.points)
         return np.array([np.interp(fraction * along[-1], along, self.points[:, i]) for i in range(2)])
 
 
@@ -226,7 +227,7 @@ def layout_columns(columns: Sequence[Sequence[P]], gap: float = 12.0) -> Sheet[P
 
 def _arc_length(points: Float[ndarray, "n 2"]) -> Float[ndarray, " n"]:
     """Length from the first sample to each, of the smooth curve through the samples."""
-    chords = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    chords = running_length(points)
     distinct = np.append(True, np.diff(chords) > 1e-9)
     spline = CubicSpline(chords[distinct], points[distinct])
     nodes, weights = np.polynomial.legendre.leggauss(6)

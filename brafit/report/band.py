@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from brafit.fitting.result import EdgeDeviations
 from brafit.pattern.piece import Piece, layout
 
 SHOWN = 4.0
@@ -18,17 +19,14 @@ _MARGIN = 8.0
 _KEY = 3 * SHOWN
 """Height of the key below the pieces, mm."""
 
-Deviation = Sequence[tuple[Float[ndarray, " n"], Float[ndarray, " n"]]]
-"""From `brafit.fitting.certainty.outline_deviation`: of the lower and the upper edge of each piece."""
 
-
-def magnification(deviation: Deviation) -> int:
+def magnification(deviation: Sequence[EdgeDeviations]) -> int:
     """How many times the band is magnified."""
     widest = max(float(edge.max()) for pair in deviation for edge in pair)
     return max((step for step in _STEPS if step * widest <= SHOWN), default=1)
 
 
-def band_svg(pieces: Sequence[Piece], deviation: Deviation) -> str:
+def band_svg(pieces: Sequence[Piece], deviation: Sequence[EdgeDeviations]) -> str:
     """The pieces' outlines, in mm, each with its band."""
     factor = magnification(deviation)
     sheet = layout(pieces, gap=14.0)

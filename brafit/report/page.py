@@ -17,9 +17,10 @@ from scipy.spatial import KDTree
 
 from brafit.atomic import write_text
 from brafit.cup.shape import CupShape
+from brafit.fitting.result import EdgeDeviations
 from brafit.pattern.finish import Pattern
 from brafit.pattern.piece import Piece, Side
-from brafit.report.band import Deviation, band_svg, magnification
+from brafit.report.band import band_svg, magnification
 from brafit.report.colour import DIVERGING, PANELS, STEPS, distance_colours
 from brafit.report.dimensions import DEPTH, Dimension, measured_on
 from brafit.report.html import MEANINGS, asset, figure, fixed, link, number, page, text
@@ -65,7 +66,7 @@ class ScanPage:
     dimensions: Sequence[Dimension]
     sources: Mapping[str, str]
     files: Sequence[str]
-    band: tuple[Sequence[Piece], Deviation] | None = None
+    band: tuple[Sequence[Piece], Sequence[EdgeDeviations]] | None = None
     warnings: Sequence[str] = ()
     notes: Sequence[str] = ()
 
@@ -183,7 +184,7 @@ def _picture(drawing: bytes) -> str:
     return f'<img class="pieces" alt="pattern pieces" src="data:image/svg+xml;base64,{data}">'
 
 
-def _certainty(pieces: Sequence[Piece], deviation: Deviation) -> str:
+def _certainty(pieces: Sequence[Piece], deviation: Sequence[EdgeDeviations]) -> str:
     largest = max(float(edge.max()) for pair in deviation for edge in pair)
     return (
         "<details open><summary>How certain the outlines are</summary><figure>"

@@ -25,7 +25,7 @@ from tensorboard.summary.writer.event_file_writer import EventFileWriter
 from tensorboard.util.tensor_util import make_tensor_proto
 
 from brafit.naming import plain_path
-from brafit.report.course import FitStep
+from brafit.report.fit_step import FitStep
 
 MOMENTS = 1000
 """Steps of a fit that are recorded at most, evenly over it (and the first of every stage)."""

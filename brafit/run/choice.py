@@ -8,13 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from brafit.fitting import CupFit, Step, Target
+from brafit.fitting import CupFit, Target
 from brafit.fitting.objective import APEX, CLOSEST
 from brafit.remarks import Remark
 from brafit.run.likeness import seam_blamed
 from brafit.run.recipe import FEWEST, MOST, Recipe
 
-Callback = Callable[[Step], None]
 Fitter = Callable[[Recipe, Sequence[int], str], list[CupFit]]
 """Fits some scans, by their places in the batch, with a recipe; the text says what for."""
 TOP = 0.005
@@ -136,33 +135,3 @@ def with_bust_point(target: Target) -> Target:
         return target
     order = np.argsort(target.points[:, 2])
     return replace(target, apex=target.points[order[-max(1, round(TOP * len(order))) :]].mean(axis=0))
-
-
-class Course:
-    """Tells of several fits of a batch as of one: steps go on where the fit before ended, and scans have their places
-    in the batch.
-    """
-
-    def __init__(self, callback: Callback | None):
-        self._callback, self._done, self._last = callback, 0, 0
-
-    def of(self, places: Sequence[int], name: str) -> Callback | None:
-        """What the next fit is to call.
-
-        Args:
-            places: of its scans in the batch.
-            name: stands before the names of its stages; empty: nothing does.
-        """
-        if self._callback is None:
-            return None
-        self._done += self._last
-        self._last = 0
-        tell, done = self._callback, self._done
-
-        def told(step: Step) -> None:
-            self._last = step.total
-            scans = step.scans.new_tensor(places)[step.scans] if len(step.scans) else step.scans
-            stage = f"{name}, {step.stage}" if name else step.stage
-            tell(replace(step, stage=stage, index=done + step.index, total=done + step.total, scans=scans))
-
-        return told

@@ -360,10 +360,8 @@ class _Conductor:
     def _show(self) -> None:
         kinds = [type(task) for task in self.busy.values()]
         fitting = sum(len(task.scans) for task in self.busy.values() if isinstance(task, _Fitting))
-        activity = Activity(
-            loading=kinds.count(_Loading), waiting=self.queues.waiting, fitting=fitting,
-            writing=kinds.count(_Finishing) + len(self.queues.finishing),
-        )  # fmt: skip
+        writing = kinds.count(_Finishing) + len(self.queues.finishing)
+        activity = Activity(loading=kinds.count(_Loading), fitting=fitting, writing=writing)
         for sink in self.job.sinks:
             sink.activity(activity)
 

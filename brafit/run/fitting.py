@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
-from brafit.fitting import CupFit, Step, Target
+from brafit.fitting import CupFit, Target
 from brafit.fitting.certainty import Alternatives, shapes_of
 from brafit.fitting.objective import APEX
 from brafit.fitting.result import Survey
+from brafit.fitting.solver import Callback
 from brafit.pattern import Side, deepest_point
 from brafit.pattern.cloth import cloth_words
 from brafit.remarks import Remark
@@ -19,7 +20,8 @@ from brafit.report.dimensions import surveys
 from brafit.report.measures import Cups
 from brafit.report.uncovered import uncovered_share
 from brafit.result import Result
-from brafit.run.choice import Course, chosen, with_bust_point
+from brafit.run.choice import chosen, with_bust_point
+from brafit.run.course import Course
 from brafit.run.likeness import judged
 from brafit.run.recipe import Recipe
 from brafit.scan import Scan
@@ -50,7 +52,7 @@ def _unweighted(scan: Scan) -> Target:
     )
 
 
-def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callable[[Step], None] | None = None) -> list[CupFit]:
+def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callback | None = None) -> list[CupFit]:
     """The fits of a batch, in its order, judged by what a cup of a breast can be.
 
     Args:

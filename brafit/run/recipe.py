@@ -12,7 +12,8 @@ from brafit.settings.entries import locate, made, refusal
 
 if TYPE_CHECKING:
     from brafit.cloud import Reader
-    from brafit.fitting import CupFit, Step, Target
+    from brafit.fitting import CupFit, Target
+    from brafit.fitting.solver import Callback
     from brafit.pattern import PatternOptions
 
 
@@ -60,9 +61,7 @@ class Recipe:
         """The same with cups of so many panels."""
         return replace(self, cup=partial(self.cup, panels=count), tolerance=None)
 
-    def fit(
-        self, targets: Sequence[Target], callback: Callable[[Step], None] | None = None, threads: int = 1
-    ) -> list[CupFit]:
+    def fit(self, targets: Sequence[Target], callback: Callback | None = None, threads: int = 1) -> list[CupFit]:
         """`brafit.fitting.fit_targets` by this recipe.
 
         Args:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from brafit.report.course import FitStep
+from brafit.report.fit_step import FitStep
 from brafit.run.job import Done, Overview, Row
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ class Activity:
     """Scans in each stage just now."""
 
     loading: int = 0
-    waiting: int = 0
     fitting: int = 0
     writing: int = 0
 

@@ -23,7 +23,7 @@ from brafit.cloud import read_cloud
 from brafit.cloud.open3d_runtime import open3d
 from brafit.errors import BrafitError, InputError
 from brafit.fitting import CupFit, Step
-from brafit.report.course import FitStep
+from brafit.report.fit_step import FitStep
 from brafit.report.row import failed_row, fitted_row
 from brafit.report.table import write_fit_json
 from brafit.result import result_files

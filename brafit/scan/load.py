@@ -31,8 +31,8 @@ from brafit.scan.region import Gathered, Gathering
 from brafit.scan.wiring import Wiring
 from brafit.surface.cleaning import Cleaned, Cleaning, check_settings, finish
 from brafit.surface.cropping import facing, neckline_over
-from brafit.surface.gaps import Gaps, gaps
-from brafit.surface.normals import surface_of
+from brafit.surface.gaps import DataGaps, gaps
+from brafit.surface.normals import FRONT, surface_of
 from brafit.surface.thickness import fills_a_volume
 from brafit.underwires.sizes import wire_size
 
@@ -40,8 +40,6 @@ MOSTLY = 0.98
 """Share of a mesh's points elsewhere from which on that is told as the cause: of a whole body, a breast is 2 %."""
 GAPS_MOST = 0.6
 """Share of the surface between wire and upper line without data from which on a scan is refused."""
-FRONT = np.array([0.0, 0.0, 1.0])
-"""Out of the chest, in the cup frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +134,7 @@ class Preparation:
     """How a cloud becomes a scan: the settings of the group `scan`, but for the side.
 
     Attributes:
-        points: points of the fit at most, evenly spread (`brafit.surface.cleaning.thin`); None: all.
+        points: points of the fit at most, evenly spread (`brafit.surface.thinning.thin`); None: all.
         outliers: standard deviations above the mean distance to the neighbours at which a point is one; None: none is.
         neighbours: as many as that distance is taken to.
         units: unit of cloud and landmark file, one of `brafit.landmarks.units.MILLIMETRES`; None: what the landmark
@@ -338,7 +336,7 @@ def _too_few(cloud: Cloud, steps: Cleaning) -> InputError:
     return InputError(cloud.path, f"{left} of {read} after cleaning and cropping", remedy)
 
 
-def _gaps(path: Path, cleaned: Cleaned, bounded: Bounded) -> Gaps | None:
+def _gaps(path: Path, cleaned: Cleaned, bounded: Bounded) -> DataGaps | None:
     """The gaps of a breast that has an upper line.
 
     Raises:
@@ -351,7 +349,7 @@ def _gaps(path: Path, cleaned: Cleaned, bounded: Bounded) -> Gaps | None:
     return found
 
 
-def _bare(found: Gaps) -> str:
+def _bare(found: DataGaps) -> str:
     return f"{100 * found.share:.0f} % of the surface between wire and upper line has no points"
 
 
@@ -362,7 +360,7 @@ def _scan(
     gathered: Gathered,
     bounded: Bounded,
     cleaned: Cleaned,
-    found: Gaps | None,
+    found: DataGaps | None,
     bridge: bool,
     notes: tuple[Remark, ...],
 ) -> Scan:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from brafit.scan.load import FRONT, Scan
-from brafit.surface.normals import Surface, settle, surface_of
+from brafit.scan.load import Scan
+from brafit.surface.normals import FRONT, Surface, settle, surface_of
 
 RADIUS = 8.0
 """Of the points that say which way is outwards, mm: wide enough that their noise does not turn it."""

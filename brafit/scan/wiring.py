@@ -15,7 +15,7 @@ from jaxtyping import Float
 from brafit.anatomy.body import Body, body_from_marks
 from brafit.anatomy.pair import are_alike, mean_wire
 from brafit.anatomy.torso import apex_of, body_of, wire_about
-from brafit.anatomy.wire_detection import Wire, laid
+from brafit.anatomy.wire_detection import FoundWire, laid
 from brafit.errors import InputError
 from brafit.geometry.polyline import polyline_length
 from brafit.landmarks.file import SIDES, Landmarks
@@ -44,7 +44,7 @@ class Found:
 
     body: Body
     apex: Float[np.ndarray, "3"]
-    wire: Wire
+    wire: FoundWire
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +97,14 @@ class Wiring:
         both = self._both
         found = self._traced(marks) if both is None else both[marks.side]
         apart = {} if both is None or self._alike else both
-        lengths = {side: polyline_length(own.wire.wire) for side, own in sorted(apart.items())}
-        line, origin = found.wire, "detected"
+        lengths = {side: polyline_length(own.wire.line) for side, own in sorted(apart.items())}
+        wire, origin = found.wire, "detected"
         if self.wire not in (None, "detect"):
-            line, origin = laid(line, wire_size(str(self.wire)).line(WIRE_POINTS)), f"{_SIZE}{self.wire}"
-        places = {"inner_end": line.wire[0], "outer_end": line.wire[-1], "apex": found.apex}
-        upper = _joined(marks.upper_line, line.wire)
-        wired = replace(marks, wire=line.wire, upper_line=upper, points={**marks.points, **places})
-        return Wired(wired, origin, line.guessed, lengths)
+            wire, origin = laid(wire, wire_size(str(self.wire)).line(WIRE_POINTS)), f"{_SIZE}{self.wire}"
+        places = {"inner_end": wire.line[0], "outer_end": wire.line[-1], "apex": found.apex}
+        upper = _joined(marks.upper_line, wire.line)
+        wired = replace(marks, wire=wire.line, upper_line=upper, points={**marks.points, **places})
+        return Wired(wired, origin, wire.guessed, lengths)
 
     @cached_property
     def _first(self) -> Found:
@@ -115,7 +115,7 @@ class Wiring:
         """Whether the breasts are mirror images, as far as the first one shows."""
         first, found = self.marked.breasts[0], self._first
         mirror = self.marked.whole.mirror
-        return are_alike(self.marked.cloud.points, mirror, found.body, first.side, found.apex, found.wire.wire)
+        return are_alike(self.marked.cloud.points, mirror, found.body, first.side, found.apex, found.wire.line)
 
     @cached_property
     def _both(self) -> Mapping[str, Found] | None:
@@ -129,13 +129,13 @@ class Wiring:
         mirror, one, two = self.marked.whole.mirror, self._first, self._traced(other)
         if not self._alike:
             return {first.side: one, other.side: two}
-        wires = [one.wire, replace(two.wire, wire=mirror(two.wire.wire))]
+        wires = [one.wire, replace(two.wire, line=mirror(two.wire.line))]
         mean = replace(one, apex=(one.apex + mirror(two.apex)) / 2, wire=mean_wire(wires))
-        image = replace(two, apex=mirror(mean.apex), wire=replace(mean.wire, wire=mirror(mean.wire.wire)))
+        image = replace(two, apex=mirror(mean.apex), wire=replace(mean.wire, line=mirror(mean.wire.line)))
         return {first.side: mean, other.side: image}
 
     def _images(self) -> tuple[Landmarks, Landmarks] | None:
-        """The marks of both breasts, that marked first first, if they are mirror images."""
+        """The marks of both breasts, if they are mirror images; first those of the breast that was marked first."""
         if not self.marked.whole.has_middle:
             return None
         first = self.marked.breasts[0]

@@ -32,7 +32,7 @@ BOUNDS = 0.7
 
 
 @dataclass(frozen=True)
-class Gaps:
+class DataGaps:
     """What a scan does not show of a breast.
 
     Attributes:
@@ -46,7 +46,9 @@ class Gaps:
     spacing: float
 
 
-def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curve: Float[np.ndarray, "k 3"]) -> Gaps:
+def gaps(
+    points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curve: Float[np.ndarray, "k 3"]
+) -> DataGaps:
     """The gaps of a breast.
 
     Args:
@@ -65,7 +67,7 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
     away, nearest = tree_of(place).query(cells)
     bare = away >= 0.8 * reach / size
     if not bare.any():
-        return Gaps(0.0, np.empty((0, 3)), spacing)
+        return DataGaps(0.0, np.empty((0, 3)), spacing)
     most = min(RIM_LEAST + int(bare.sum()), RIM_MOST)
     near = np.argsort(KDTree(cells[bare]).query(place)[0], kind="stable")[:most]
     known, values = np.concatenate([place[near], rim]), np.log(np.concatenate([radius[near], rim_radius]))
@@ -77,7 +79,7 @@ def gaps(points: Float[np.ndarray, "n 3"], dense: Float[np.ndarray, "d 3"], curv
     surface[bare] = bridge
     area = chart.area(cells, np.linalg.norm(surface - chart.centre, axis=1))
     share = float(area[_opened(surface, bridge[gap], reach)].sum() / area.sum())
-    return Gaps(share, _thinned(bridge[gap], spacing), spacing)
+    return DataGaps(share, _thinned(bridge[gap], spacing), spacing)
 
 
 def _opened(surface: np.ndarray, inner: np.ndarray, reach: float) -> np.ndarray:

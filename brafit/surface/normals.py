@@ -18,6 +18,8 @@ from scipy.spatial import KDTree
 from brafit.surface.neighbours import Neighbours, nearest, tree_of
 from brafit.surface.planes import distances_off, normals_at
 
+FRONT = np.array([0.0, 0.0, 1.0])
+"""Out of the chest, in the cup frame."""
 NEIGHBOURS = 24
 """Points that a local plane is laid through."""
 LINKS = 10

@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from brafit.surface.cleaning import distinct, tidy
+from brafit.surface.cleaning import tidy
 from brafit.surface.normals import Surface, settle
 from brafit.surface.planes import normals_at
+from brafit.surface.thinning import distinct
 
 SAMPLE, TRIED = 6000, 1500
 """Points that the plane is fitted with, and those with which each start is tried."""

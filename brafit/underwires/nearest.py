@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from brafit.geometry.polyline import running_length
 from brafit.underwires.sizes import CATALOGUE, WireSize, wire_size
 
 
@@ -61,7 +62,7 @@ def wanted_wire(line: Float[np.ndarray, "k 3"], play: float = 0.0, spring: float
         play: by how much the line is longer than the wire at each end.
         spring: by how much the wire is opened from end to end when it is worn.
     """
-    arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    arc = running_length(line)
     ends = [np.array([np.interp(at, arc, column) for column in line.T]) for at in (play, arc[-1] - play)]
     return max(float(arc[-1]) - 2 * play, 0.0), max(float(np.linalg.norm(ends[1] - ends[0])) - spring, 0.0)
 

@@ -14,7 +14,7 @@ from brafit.anatomy.body import Body
 from brafit.anatomy.confidence import BOUNDS, Confidence, doubt
 from brafit.anatomy.pair import Breast, are_alike, confidences, one_pair
 from brafit.anatomy.torso import Proposal, body_and_trunk, proposals
-from brafit.anatomy.wire_detection import Wire
+from brafit.anatomy.wire_detection import FoundWire
 from brafit.cloud import Cloud
 from brafit.geometry.polyline import polyline_length
 from brafit.scan import Scan, load_sides
@@ -53,7 +53,7 @@ def found_on(points: np.ndarray, proposed: list[Proposal], body: Body, lower: fl
         assert marks.upper_line is not None
         surface = about(points, marks.points["apex"], body.front, DENSE)
         strap = marks.points["strap_point"]
-        wire = Wire(marks.wire + shift, 0.1, 0.1)
+        wire = FoundWire(marks.wire + shift, 0.1, 0.1)
         breasts.append(Breast(marks.side, marks.points["apex"], wire, strap, marks.upper_line, surface))
     return breasts
 
@@ -87,10 +87,10 @@ def test_a_pair_is_the_mean_of_both_sides_and_tells_how_they_disagreed(alike, pr
     body, _ = body_and_trunk(alike)
     mirror, found = mirror_of(alike), found_on(alike, proposed, body, lower=20.0)
     (left, right), trusted = one_pair(mirror, body, found, confidences(body, found))
-    middle = (found[0].wire.wire + mirror(found[1].wire.wire)) / 2
-    np.testing.assert_allclose(left.wire.wire, middle, atol=1e-9)
+    middle = (found[0].wire.line + mirror(found[1].wire.line)) / 2
+    np.testing.assert_allclose(left.wire.line, middle, atol=1e-9)
     np.testing.assert_allclose(mirror(left.upper_line), right.upper_line, atol=1e-9)
-    np.testing.assert_allclose(left.upper_line[[0, -1]], left.wire.wire[[0, -1]], atol=1e-6)
+    np.testing.assert_allclose(left.upper_line[[0, -1]], left.wire.line[[0, -1]], atol=1e-6)
     for one in trusted:
         assert one.evidence["wires"] == pytest.approx(20.0, abs=0.1)
         assert "the two sides disagree: the wires are up to 20 mm from being mirror images" in doubt(one)
@@ -102,8 +102,8 @@ def test_impossible_marks_of_one_side_do_not_count_in_the_pair(alike, proposed):
     trusted = confidences(body, found)
     impossible = Confidence("left", {**trusted[0].evidence, "guessed": 1.0})
     (left, right), told = one_pair(mirror, body, found, [impossible, trusted[1]])
-    np.testing.assert_allclose(right.wire.wire, found[1].wire.wire, atol=1e-9)
-    np.testing.assert_allclose(left.wire.wire, mirror(found[1].wire.wire), atol=1e-9)
+    np.testing.assert_allclose(right.wire.line, found[1].wire.line, atol=1e-9)
+    np.testing.assert_allclose(left.wire.line, mirror(found[1].wire.line), atol=1e-9)
     assert all("the two sides disagree" in doubt(one) for one in told)
 
 
@@ -112,8 +112,8 @@ def test_breasts_of_different_size_are_no_pair():
     body, _ = body_and_trunk(points)
     found = found_on(points, proposals(FILE, points), body)
     left = found[0]
-    assert not are_alike(points, mirror_of(points), body, left.side, left.apex, left.wire.wire)
-    lengths = [polyline_length(breast.wire.wire) for breast in found]
+    assert not are_alike(points, mirror_of(points), body, left.side, left.apex, left.wire.line)
+    lengths = [polyline_length(breast.wire.line) for breast in found]
     trusted = confidences(body, found)
     assert [one.evidence["longer"] for one in trusted] == pytest.approx(
         [lengths[0] - lengths[1], lengths[1] - lengths[0]]

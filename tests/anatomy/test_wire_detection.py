@@ -75,7 +75,7 @@ def test_strays_do_not_move_the_line():
 
 
 def test_the_wire_of_a_ball_on_a_chest():
-    wire = trace(ball_on_a_chest()).wire
+    wire = trace(ball_on_a_chest()).line
     assert off_circle(wire).max() < 4
     assert np.sqrt((off_circle(wire) ** 2).mean()) < 1.5
     assert wire[0, 1] < 0 < wire[-1, 1]
@@ -99,7 +99,7 @@ def test_concavity_at_some_points_is_that_of_all():
 def test_a_wire_of_a_size_lies_in_the_crease(size, off):
     """The first is an arc of the crease's circle, the other one a U, which no circle is."""
     arc = wire_size(size).line(51)
-    found = laid(trace(ball_on_a_chest()), arc).wire
+    found = laid(trace(ball_on_a_chest()), arc).line
     assert np.sqrt((off_circle(found) ** 2).mean()) < off
     lengths = np.linalg.norm(found[:, None] - found, axis=2) - np.linalg.norm(arc[:, None] - arc, axis=2)
     assert np.abs(lengths).max() < 1e-9, "it is not bent"

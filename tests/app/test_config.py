@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
@@ -261,37 +260,6 @@ def with_defaults(target: Any) -> dict[str, Any]:
             value = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
             made[entry.name] = list(value) if isinstance(value, tuple) else value
     return made
-
-
-def names_read() -> set[str]:
-    """Attributes, keys in brackets and arguments that the code of brafit reads; the settings' types read nothing."""
-    found: set[str] = set()
-    for file in (CONF.parent / "brafit").rglob("*.py"):
-        if "conf" in file.parts[len(CONF.parts) :] or file.parent.name == "settings":
-            continue
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Attribute | ast.Name) and isinstance(node.ctx, ast.Load):
-                found.add(node.attr if isinstance(node, ast.Attribute) else node.id)
-            elif isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
-                found.add(str(node.slice.value))
-    return found
-
-
-def keys_in(values: Any) -> set[str]:
-    if isinstance(values, list):
-        return set().union(*map(keys_in, values))
-    return {str(key) for key in values} | keys_in(list(values.values())) if isinstance(values, dict) else set()
-
-
-def test_every_setting_is_read() -> None:
-    read = names_read()
-    files = [CONF / "config.yaml"]
-    for group in ("cup", "solver", "condition", "pattern", "scan", "dataset"):
-        files += (CONF / group).glob("*.yaml")
-    for file in files:
-        settings = yaml.safe_load(file.read_text(encoding="utf-8"))
-        written = {key: value for key, value in settings.items() if key not in ("defaults", "hydra")}
-        assert {key for key in keys_in(written) if not key.startswith("_")} <= read, file
 
 
 def test_no_group_shares_its_name_with_a_scalar() -> None:

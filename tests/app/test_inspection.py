@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -12,11 +13,12 @@ import torsos
 from matplotlib.figure import Figure
 from scipy.spatial import Delaunay
 
-from brafit.cli.inspect import main
+from brafit.cli.inspect import _TAKEN, main
 from brafit.cloud import read_cloud
 from brafit.landmarks import landmarks_path, read_landmarks
 from brafit.samples import sample_paths
 from brafit.scan.discovery import passed_over
+from brafit.surface.cleaning import Cleaning
 from brafit.underwires.nearest import nearest_wire
 
 
@@ -25,6 +27,11 @@ def inspect(*arguments) -> int:
         main([str(argument) for argument in arguments])
     assert isinstance(ended.value.code, int)
     return ended.value.code
+
+
+def test_every_step_of_the_cleaning_has_its_words():
+    steps = {field.name for field in fields(Cleaning) if field.default == 0}
+    assert _TAKEN.keys() == {"other_side"} | steps
 
 
 def test_a_scan_gets_a_picture_and_its_landmarks_back(tmp_path, capsys):

@@ -16,24 +16,27 @@ from brafit.cup import Cup, FramesCup
 from brafit.fitting import (
     LM,
     Anneal,
+    AnnealStage,
     Conditions,
     LMStage,
     NelderMead,
     ResultCode,
     Solution,
     Solver,
-    Stage,
     Step,
     Target,
 )
 from brafit.fitting.objective import Objective, Pressure
+from brafit.fitting.solver import Callback
 from brafit.fitting.targets import Targets
 from brafit.simulation.synthetic import on_panels
 
 ROOT = Path(__file__).parents[2]
 SOLVERS: dict[str, Callable[[int], Solver]] = {
     "lm": lambda _: LM([LMStage(steps=8, terms=4, points=50), LMStage(steps=12, tolerance=1e-6)]),
-    "anneal": lambda _: Anneal([Stage("adam", 4, 1.0), Stage("lbfgs", 8, 10.0), Stage("lbfgs", 8, 100.0)]),
+    "anneal": lambda _: Anneal(
+        [AnnealStage("adam", 4, 1.0), AnnealStage("lbfgs", 8, 10.0), AnnealStage("lbfgs", 8, 100.0)]
+    ),
     "paper": lambda evaluations: NelderMead(rounds=1, evaluations=evaluations, penalty=10.0, largest=10.0),
 }
 """Of each the schedule, cut short; the paper's for so many evaluations."""
@@ -77,7 +80,7 @@ def problem(solver: str, targets: list[Target]) -> Objective:
     return Objective(cups(solver, len(targets)), stacked, conditions)
 
 
-def solved(solver: str, targets: list[Target], callback: Callable[[Step], None] | None = None) -> Solution:
+def solved(solver: str, targets: list[Target], callback: Callback | None = None) -> Solution:
     own = problem(solver, targets)
     return SOLVERS[solver](25).solve(own, own.cup.flatten().detach(), callback)
 
@@ -148,9 +151,10 @@ class TestSolver:
     ("make", "words"),
     [
         (lambda: LM([]), "at least one stage"),
+        (lambda: LM([{"steps": 5, "leading": True}]), "at least one stage that is not leading"),
         (lambda: LM([{"steps": 0}]), "steps >= 1"),
-        (lambda: Anneal([Stage("sgd", 1, 1.0)]), "unknown optimiser 'sgd'"),
-        (lambda: Anneal([Stage("adam", -1, 1.0)]), "steps >= 0"),
+        (lambda: Anneal([AnnealStage("sgd", 1, 1.0)]), "unknown optimiser 'sgd'"),
+        (lambda: Anneal([AnnealStage("adam", -1, 1.0)]), "steps >= 0"),
     ],
 )
 def test_schedules_that_are_none_are_refused(make, words):

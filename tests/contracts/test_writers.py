@@ -15,6 +15,7 @@ from patterns import pattern, program
 
 from brafit.atomic import TEMPORARY
 from brafit.errors import ConfigError
+from brafit.naming import OWN, safe_name
 from brafit.pattern import WRITERS, PatternWriter, write_patterns
 from brafit.pattern.writers import check_writers
 
@@ -23,6 +24,12 @@ OTHERS: dict[str, PatternWriter] = {"hpgl": HpglWriter()}
 EVERY = {**WRITERS, **OTHERS}
 SVG = "{http://www.w3.org/2000/svg}"
 LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
+
+
+@pytest.mark.parametrize("file", [file for writer in WRITERS.values() for file in writer.files])
+def test_no_scan_takes_the_name_of_a_file_that_a_nest_has_in_the_runs_folder(file: str) -> None:
+    assert OWN.fullmatch(file)
+    assert safe_name(file) != file
 
 
 def chords(points: Any) -> float:

@@ -12,14 +12,14 @@ from cups import half_circle, lune_frames
 from lunes import lune_cup
 
 from brafit.cup import FramesCup, Wire
-from brafit.fitting import Anneal, Conditions, ResultCode, Stage, Step, Target, fit_targets
+from brafit.fitting import Anneal, AnnealStage, Conditions, ResultCode, Step, Target, fit_targets
 from brafit.fitting.closure import whitening
 from brafit.fitting.objective import Objective
 from brafit.fitting.targets import Targets
 from brafit.simulation.synthetic import on_panels
 
 CONDITIONS = Conditions(connection=0.0, barrier=0.1, fairness=0.0)
-SHORT = [Stage("adam", 10, 1.0), Stage("lbfgs", 20, 10.0), Stage("lbfgs", 20, 100.0)]
+SHORT = [AnnealStage("adam", 10, 1.0), AnnealStage("lbfgs", 20, 10.0), AnnealStage("lbfgs", 20, 100.0)]
 
 
 def known_points(count: int = 200, seed: int = 0, scale: float = 1.0) -> np.ndarray:
@@ -47,8 +47,8 @@ def solve(own: Objective, stages=SHORT, **given):
 @pytest.mark.slow
 def test_a_known_cup_is_recovered():
     own = problem([target(known_points())])
-    stages = [Stage("adam", 30, 1.0), Stage("lbfgs", 100, 10.0), Stage("lbfgs", 150, 100.0)]
-    stages += [Stage("lbfgs", 250, 100.0, damping=1e-12)] * 6
+    stages = [AnnealStage("adam", 30, 1.0), AnnealStage("lbfgs", 100, 10.0), AnnealStage("lbfgs", 150, 100.0)]
+    stages += [AnnealStage("lbfgs", 250, 100.0, damping=1e-12)] * 6
     solution = solve(own, stages, tolerance=1e-12)
     shape = own.cup.shape_of(solution.flat)
     distances = own.distances(shape, own.feet(shape)).abs()
@@ -81,7 +81,7 @@ def test_a_result_alone_is_that_in_a_batch_with_hopeless_ones():
 
 def test_step_limit_is_said_and_ends_meet_all_the_same():
     own = problem([target(known_points(60))])
-    solution = solve(own, [Stage("adam", 10, 1.0), Stage("lbfgs", 30, 10.0)])
+    solution = solve(own, [AnnealStage("adam", 10, 1.0), AnnealStage("lbfgs", 30, 10.0)])
     assert solution.codes == [ResultCode.STEP_LIMIT]
     assert solution.iterations.tolist() == [10 + 31]
     assert own.cup.constraints(own.cup.shape_of(solution.flat))["ends"].abs().max() < 1e-9
@@ -89,7 +89,9 @@ def test_step_limit_is_said_and_ends_meet_all_the_same():
 
 def test_callback_sees_every_step_and_term():
     own, seen = problem([target(known_points(60)), target(known_points(40))]), []
-    Anneal([Stage("adam", 3, 1.0), Stage("lbfgs", 4, 5.0)]).solve(own, own.cup.flatten().detach(), seen.append)
+    Anneal([AnnealStage("adam", 3, 1.0), AnnealStage("lbfgs", 4, 5.0)]).solve(
+        own, own.cup.flatten().detach(), seen.append
+    )
     assert all(isinstance(step, Step) for step in seen)
     assert [step.index for step in seen] == list(range(seen[0].index, seen[0].index + len(seen)))
     assert {step.stage for step in seen} == {"1 adam", "2 lbfgs"}
@@ -113,13 +115,13 @@ def test_whitening_makes_the_matrix_one_and_survives_bad_ones():
 
 def test_stages_are_checked():
     with pytest.raises(ValueError, match=r"unknown optimiser 'newton'.*adam, lbfgs"):
-        Stage("newton", 1, 1.0)
+        AnnealStage("newton", 1, 1.0)
     with pytest.raises(ValueError, match="penalty > 0"):
-        Stage("adam", 1, 0.0)
-    assert Anneal([{"optimiser": "adam", "steps": 2, "penalty": 1.0}]).stages == [Stage("adam", 2, 1.0)]
+        AnnealStage("adam", 1, 0.0)
+    assert Anneal([{"optimiser": "adam", "steps": 2, "penalty": 1.0}]).stages == [AnnealStage("adam", 2, 1.0)]
 
 
-LONG = [Stage("adam", 10, 1.0), Stage("lbfgs", 60, 100.0), Stage("lbfgs", 60, 100.0)]
+LONG = [AnnealStage("adam", 10, 1.0), AnnealStage("lbfgs", 60, 100.0), AnnealStage("lbfgs", 60, 100.0)]
 
 
 def fit(targets: list[Target], restarts: int = 2, stages=LONG):
@@ -159,7 +161,7 @@ def test_a_scan_alone_is_as_in_a_batch():
     """Beside others of other sizes, one of them hopeless: 1e-9 in the result and what is said of it."""
     hopeless = scan(50, 3)
     hopeless.points[0] = np.nan
-    short = [Stage("adam", 4, 1.0), Stage("lbfgs", 15, 100.0)]
+    short = [AnnealStage("adam", 4, 1.0), AnnealStage("lbfgs", 15, 100.0)]
     (alone,) = fit([scan(150, 1)], stages=short)
     assert alone.code is ResultCode.STEP_LIMIT
     assert alone.reason == alone.code.value

@@ -12,7 +12,7 @@ from cups import plain_strips as strips
 
 from brafit.cup import Cup
 from brafit.cup.strip_grid import StripGrid
-from brafit.fitting import LM, Anneal, Conditions, LMStage, ResultCode, Solver, Stage, Target
+from brafit.fitting import LM, Anneal, AnnealStage, Conditions, LMStage, ResultCode, Solver, Target
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.schedule import LOOKS, Ending, Schedule
 from brafit.fitting.targets import Targets
@@ -91,7 +91,7 @@ def test_the_best_start_of_each_scan_goes_on_and_other_optima_are_noted():
 def test_multipliers_take_over_what_the_penalty_held_where_a_stage_says_so():
     cup = lune_frames(1, stations=21)
     flat = near(cup, 0.05)
-    stages = [Stage("adam", 1, 1.0), Stage("lbfgs", 1, 10.0), Stage("lbfgs", 1, 100.0)]
+    stages = [AnnealStage("adam", 1, 1.0), AnnealStage("lbfgs", 1, 10.0), AnnealStage("lbfgs", 1, 100.0)]
     recorder = Recorder(torch.ones(1).double())
     objective = problem(cup, Conditions(margin=-10.0))
     Schedule(stages, recorder).solve(objective, flat, None)
@@ -104,7 +104,7 @@ def test_multipliers_take_over_what_the_penalty_held_where_a_stage_says_so():
     "solver",
     [
         LM([LMStage(steps=15, tolerance=1e-5)]),
-        Anneal([Stage("lbfgs", 40, 1.0)], tolerance=1e-5),
+        Anneal([AnnealStage("lbfgs", 40, 1.0)], tolerance=1e-5),
     ],
     ids=["lm", "anneal"],
 )

@@ -7,7 +7,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from tensorboard.plugins.custom_scalar import layout_pb2
 from tensorboard.util import tensor_util
 
-from brafit.report.course import FitStep
+from brafit.report.fit_step import FitStep
 from brafit.report.tensorboard import Recorder
 
 LAYOUT: Any = layout_pb2.Layout  # type: ignore[attr-defined]

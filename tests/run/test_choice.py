@@ -17,7 +17,8 @@ from brafit.fitting import CupFit, ResultCode, Step, Target, fit_targets
 from brafit.fitting import objective as objectives
 from brafit.fitting.lm import LM
 from brafit.fitting.loop import measured_cups, starting_problems
-from brafit.run.choice import Course, chosen, with_bust_point
+from brafit.run.choice import chosen, with_bust_point
+from brafit.run.course import Course
 from brafit.run.fitting import fitted, result_of, target_of
 from brafit.run.recipe import Recipe, recipe_of
 from brafit.samples import sample_paths

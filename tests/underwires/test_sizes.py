@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -18,6 +21,7 @@ LINES = {
     "france": (lambda n: 127 + 7.5 * (n - 30), range(30, 51, 2)),
 }
 """The charts as they were read."""
+ROOT = Path(__file__).parents[2]
 SHAPES = [*CATALOGUE, wire_size("36"), wire_size("60"), wire_size("36/short"), wire_size("65x180"), wire_size("65x230")]
 
 
@@ -32,6 +36,19 @@ def test_lengths_are_those_of_the_makers_charts(maker):
     for beyond in (sizes[0] - 2, sizes[-1] + 2, sizes[0] + 1):
         with pytest.raises(ConfigError, match=rf"^scan\.wire={maker}:{beyond}: {maker} does not sell"):
             wire_size(f"{maker}:{beyond}")
+
+
+def test_every_chart_is_read_twice_and_told_wherever_makers_are():
+    """By LINES, by the table in docs/settings.md, and by the comment in conf/scan/default.yaml."""
+    assert LINES.keys() == {chart.maker for chart in CHARTS}
+    page = (ROOT / "docs/settings.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+):\d+(/\w+)?` \| .*?\b(regular|short), (\d+) to (\d+) ", page, re.MULTILINE)
+    told = {(maker, style, int(first), int(last)) for maker, _, style, first, last in rows}
+    assert told == {(chart.maker, chart.style, chart.smallest, chart.largest) for chart in CHARTS}
+    assert all(form == ("" if style == REGULAR else f"/{style}") for _, form, style, _, _ in rows)
+    comment = " ".join((ROOT / "conf/scan/default.yaml").read_text(encoding="utf-8").replace("\n#", "").split())
+    (makers,) = re.findall(r"\(a maker's: ([\w, ]+)\)", comment)
+    assert makers.split(", ") == [chart.maker for chart in CHARTS]
 
 
 def test_diameters_are_those_of_the_independent_chart():

@@ -1,4 +1,4 @@
-"""The course of a batch's fit, as plain numbers."""
+"""A step of a batch's fit, as plain numbers."""
 
 from __future__ import annotations
 

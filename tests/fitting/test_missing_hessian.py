@@ -2,7 +2,7 @@
 
 import torch
 
-from brafit.fitting.bending import Bending
+from brafit.fitting.missing_hessian import MissingHessian
 from brafit.fitting.normal import Normal
 from brafit.geometry.panels import Feet
 
@@ -12,31 +12,31 @@ def model(value: torch.Tensor, gradient: torch.Tensor, matrix: torch.Tensor) -> 
     return Normal(value, gradient, matrix, {}, Feet(none.long(), none.long(), none, none))
 
 
-def walk(hessian: torch.Tensor, known: torch.Tensor, steps: torch.Tensor) -> Bending:
+def walk(hessian: torch.Tensor, known: torch.Tensor, steps: torch.Tensor) -> MissingHessian:
     """Steps on quadratic forms of which only the known part is in the models."""
     place = torch.zeros_like(hessian[..., 0])
     value = lambda x: 0.5 * torch.einsum("bi,bij,bj->b", x, hessian, x)  # noqa: E731
     gradient = lambda x: torch.einsum("bij,bj->bi", hessian, x)  # noqa: E731
     here = model(value(place), gradient(place), known)
-    bending = Bending.none(here)
+    missing = MissingHessian.none(here)
     for step in steps:
         place = place + step
         there = model(value(place), gradient(place), known)
-        bending = bending.learnt(here, there, step, torch.ones(len(step), dtype=torch.bool))
+        missing = missing.learnt(here, there, step, torch.ones(len(step), dtype=torch.bool))
         here = there
-    return bending
+    return missing
 
 
-def forms(batch: int = 3, n: int = 5, missing: float = 0.5) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def forms(batch: int = 3, n: int = 5, lacking: float = 0.5) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     generator = torch.Generator().manual_seed(1)
     a, b = torch.randn(2, batch, n, n, generator=generator, dtype=torch.float64)
     known = a @ a.mT + n * torch.eye(n, dtype=torch.float64)
     steps = torch.randn(40, batch, n, generator=generator, dtype=torch.float64)
-    return known + missing * (b + b.mT), known, steps
+    return known + lacking * (b + b.mT), known, steps
 
 
 def test_the_last_step_is_foretold_by_what_was_learnt():
-    """The secant equation: Gauss-Newton matrix and bending together turn the step into the gradient's change."""
+    """The secant equation: Gauss-Newton matrix and what it lacks together turn the step into the gradient's change."""
     hessian, known, steps = forms()
     for count in (1, 2, 5):
         matrix = known + walk(hessian, known, steps[:count]).matrix
@@ -59,11 +59,10 @@ def test_where_nothing_is_missing_nothing_is_learnt():
 
 
 def test_a_refused_step_teaches_nothing_even_if_it_led_nowhere():
-    hessian, known, steps = forms()
+    _, known, steps = forms()
     start = steps.new_zeros(3)
     here = model(start, steps.new_zeros(3, 5), known)
     lost = model(start + torch.nan, steps.new_full((3, 5), torch.nan), known * torch.nan)
-    bending = Bending.none(here).learnt(here, lost, steps[0], torch.zeros(3, dtype=torch.bool))
-    assert (bending.matrix == 0).all()
-    assert bending.trusted.all()
-    assert hessian.isfinite().all()
+    missing = MissingHessian.none(here).learnt(here, lost, steps[0], torch.zeros(3, dtype=torch.bool))
+    assert (missing.matrix == 0).all()
+    assert missing.trusted.all()
