@@ -118,17 +118,23 @@ _COSTS = (
     " (condition.seam=closest)"
 )
 
+_LIKEWISE = "the seam through the bust point costs that too"
+
 
 def seam_blamed(warnings: Sequence[Remark], closest: Sequence[Remark]) -> tuple[Remark, ...]:
     """A cup's warnings, in which those of its distances name the seam through the bust point as their cause, if the
-    closest cup has none like them.
+    closest cup has none like them. What helps is said once.
 
     Args:
         warnings: of a cup whose seam was led through the bust point.
         closest: of the closest cup to the same points.
     """
     blamed = _OF_DISTANCES - {other.code for other in closest}
-    return tuple(replace(told, remedy=_COSTS) if told.code in blamed else told for told in warnings)
+    first = next((told for told in warnings if told.code in blamed), None)
+    return tuple(
+        replace(told, remedy=_COSTS if told is first else _LIKEWISE) if told.code in blamed else told
+        for told in warnings
+    )
 
 
 def judged(fit: CupFit, scan: Scan) -> CupFit:
