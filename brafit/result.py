@@ -83,6 +83,11 @@ class Result:
         return self.fit.shape
 
     @property
+    def panels(self) -> int:
+        """How many panels the cup has, such as `cup.panels=auto` chose."""
+        return len(self.fit.panels)
+
+    @property
     def figures(self) -> dict[str, float]:
         """The measured figures by their names in fit.json."""
         return self.fit.figures
@@ -217,8 +222,9 @@ class Result:
     @property
     def _note(self) -> str:
         """The second line of pattern files."""
-        count = f"{len(self.pieces)} panel{'s' * (len(self.pieces) > 1)}"
-        return ", ".join(str(words) for words in (f"{self.side} cup", self.model.get("cup"), count) if words)
+        count = f"{self.panels} panel{'s' * (self.panels > 1)}"
+        sides = "left and right" if self.options.pair else self.side
+        return ", ".join(str(words) for words in (f"{sides} cup", self.model.get("cup"), count) if words)
 
     @cached_property
     def _drawing(self) -> bytes:

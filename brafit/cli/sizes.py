@@ -170,7 +170,7 @@ def _summary(found: Sizes, sizes: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
 
     def told(one: Served) -> str:
-        return f"mean {one.mean:.1f} mm, 95 % below {one.p95:.1f} mm, {one.near:.0%} within {NEAR:g} mm"
+        return f"mean {one.mean:.1f} mm, 95 % below {one.p95:.1f} mm, {100 * one.near:.0f} % within {NEAR:g} mm"
 
     return [
         *lines,

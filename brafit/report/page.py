@@ -225,12 +225,10 @@ def _nearest_wire(row: Mapping[str, Any], pattern: Pattern) -> str:
     longer, wider = (number(row.get(f"nearest_wire_{key}_diff_mm")) for key in ("length", "span"))
     if name is None or longer is None or wider is None:
         return ""
-    length, span = (pattern.options.length(abs(value)) for value in (longer, wider))
-    more, broad = "longer" if longer >= 0 else "shorter", "wider" if wider >= 0 else "narrower"
-    return (
-        f"<p>Nearest wire sold: <b>{text(name)}</b>, {length} {more} than {_wanted(pattern)} "
-        f"and {span} {broad} from end to end.</p>"
-    )
+    length, span, none = (pattern.options.length(abs(value)) for value in (longer, wider, 0.0))
+    more = "as long as" if length == none else f"{length} {'longer' if longer > 0 else 'shorter'} than"
+    broad = "as wide" if span == none else f"{span} {'wider' if wider > 0 else 'narrower'}"
+    return f"<p>Nearest wire sold: <b>{text(name)}</b>, {more} {_wanted(pattern)} and {broad} from end to end.</p>"
 
 
 def _wanted(pattern: Pattern) -> str:

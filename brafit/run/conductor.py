@@ -12,7 +12,7 @@ import math
 import pickle
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from brafit.run.dataset import ScanRef
 from brafit.run.folder import is_about_writing, why_not
 from brafit.run.job import KEEP, PRELOAD, Doing, Done, Job, Overview, Row
 from brafit.run.sinks import Activity
-from brafit.run.store import left_behind
+from brafit.run.store import Earlier, earlier, left_behind
 
 STAGES = "brafit.run.stages"
 LEAST = 4
@@ -64,7 +64,8 @@ def run(job: Job, say: Callable[[str], None] | None = None) -> list[Row]:
         finally:
             conductor.close()
     if say is not None:
-        say(closing(conductor.done, job.out, told=any(sink.tells for sink in job.sinks)))
+        told = any(sink.tells for sink in job.sinks)
+        say(closing(conductor.done, job.out, told=told, earlier=conductor.earlier))
     return [done.row for done in conductor.done]
 
 
@@ -161,6 +162,8 @@ class _Conductor:
         self._shares: dict[tuple[str, ...], int] = {}  # of the last batches, by their scans' own settings
         self._total = 0
         self._overview: Overview | None = None
+        self._settings: Mapping[str, Any] = {}
+        self.earlier = Earlier()
         self._begun = 0.0
         self._watched: frozenset[str] = frozenset()
 
@@ -169,7 +172,7 @@ class _Conductor:
         job = self.job
         for sink in job.sinks:
             sink.starting()
-        refs, notes = self._ask("begin", self.source, job.scans, job.side, job.manifest, job.shard)
+        refs, notes, self._settings = self._ask("begin", self.source, job.scans, job.side, job.manifest, job.shard)
         self.queues.refs.extend(map(_Loading, refs))
         names = tuple(name for ref in refs for name in ref.names)
         self._total = len(names)
@@ -221,6 +224,11 @@ class _Conductor:
             since = None if self._overview.resumed else self._begun
             for done in left_behind(self._overview, {done.name for done in self.done}, since):
                 self._finished(done)
+        if self._overview is not None:
+            self.earlier = earlier(self._overview, self._settings)
+            for sink in self.job.sinks:
+                for done in self.earlier.taken:
+                    sink.earlier(done)
         for sink in self.job.sinks:
             sink.close(complete)
 

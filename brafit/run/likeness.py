@@ -12,7 +12,7 @@ Lengths are taken as shares of the wire's. Measured on 21 shared and bundled sca
 | points farther behind that plane than 0.05 | none | above 2 % | above 20 % |
 | length of the wire | 186 to 290 mm | below 150, above 350 mm | see `brafit.landmarks.plausibility` |
 | cup more than 0.1 away from all points, of landmarks proposed or mirrored | not above 15 % | above 15 % | above 30 % |
-| surface between wire and upper line without points | 0 to 15 % | above 10 % | see `brafit.scan.load` |
+| surface between wire and upper line without points | 0 to 4 %, scan_02 22 % | above 10 % | see `brafit.scan.load` |
 
 For comparison, points on the faces of a box give an RMS of 0.17. The largest distance refuses nothing, since a single
 stray point is no reason to lose a good cup.
@@ -118,17 +118,23 @@ _COSTS = (
     " (condition.seam=closest)"
 )
 
+_LIKEWISE = "the seam through the bust point costs that too"
+
 
 def seam_blamed(warnings: Sequence[Remark], closest: Sequence[Remark]) -> tuple[Remark, ...]:
     """A cup's warnings, in which those of its distances name the seam through the bust point as their cause, if the
-    closest cup has none like them.
+    closest cup has none like them. What helps is said once.
 
     Args:
         warnings: of a cup whose seam was led through the bust point.
         closest: of the closest cup to the same points.
     """
     blamed = _OF_DISTANCES - {other.code for other in closest}
-    return tuple(replace(told, remedy=_COSTS) if told.code in blamed else told for told in warnings)
+    first = next((told for told in warnings if told.code in blamed), None)
+    return tuple(
+        replace(told, remedy=_COSTS if told is first else _LIKEWISE) if told.code in blamed else told
+        for told in warnings
+    )
 
 
 def judged(fit: CupFit, scan: Scan) -> CupFit:

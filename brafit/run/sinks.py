@@ -66,6 +66,9 @@ class Sink:
     def scan(self, done: Done) -> None:
         """A scan has ended."""
 
+    def earlier(self, done: Done) -> None:
+        """At the end: a scan of an earlier run with these settings, in the same folder, that this run does not name."""
+
     def close(self, complete: bool) -> None:
         """The run has ended; not complete if it was broken off."""
 
@@ -78,7 +81,7 @@ class Table(Sink):
 
     def __init__(self, parquet: bool = True):
         self._parquet = parquet
-        self._rows: list[tuple[int, Row]] = []
+        self._rows: list[tuple[int, str, Row]] = []
         self._path = Path()
 
     def open(self, overview: Overview) -> None:
@@ -91,7 +94,7 @@ class Table(Sink):
     def scan(self, done: Done) -> None:
         from brafit.report.table import summary_line
 
-        self._rows.append((done.position, done.row))
+        self.earlier(done)
         line = summary_line(done.row).encode("utf-8", errors="replace")
         # one write of one line: whoever reads the table, or a kill, finds whole lines only
         file = os.open(self._path, os.O_WRONLY | os.O_APPEND)
@@ -100,10 +103,13 @@ class Table(Sink):
         finally:
             os.close(file)
 
+    def earlier(self, done: Done) -> None:
+        self._rows.append((done.position, done.name, done.row))
+
     def close(self, complete: bool) -> None:
         from brafit.report.table import write_parquet, write_summary
 
-        rows = [row for _, row in sorted(self._rows, key=lambda entry: entry[0])]
+        rows = [row for *_, row in sorted(self._rows, key=lambda entry: entry[:2])]
         write_summary(self._path, rows)
         if self._parquet:
             write_parquet(self._path.with_suffix(".parquet"), rows)
@@ -138,9 +144,12 @@ class Index(Sink):
     def scan(self, done: Done) -> None:
         if self._path is None:
             return
-        self._done.append(Done(done.position, done.name, done.row, done.warnings))
+        self.earlier(done)
         if len(self._done) >= self.GROWTH * self._written:
             self._write()
+
+    def earlier(self, done: Done) -> None:
+        self._done.append(Done(done.position, done.name, done.row, done.warnings))
 
     def close(self, complete: bool) -> None:
         if self._done:
@@ -152,7 +161,7 @@ class Index(Sink):
         from brafit.report.index import write_index
 
         self._written = len(self._done)
-        ordered = sorted(self._done, key=lambda done: done.position)
+        ordered = sorted(self._done, key=lambda done: (done.position, done.name))
         write_index(self._path, [done.row for done in ordered], [done.warnings for done in ordered])
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import pickle
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -54,8 +54,9 @@ def _recipe(source: bytes, overrides: tuple[str, ...] = ()) -> Recipe:
 
 def begin(
     source: bytes, scans: Sequence[str | Path], side: str | None, manifest: str | None, shard: str | None, tell: Tell
-) -> tuple[list[ScanRef], list[str]]:
-    """Make the recipe, so that wrong settings are known before anything else, and find the scans.
+) -> tuple[list[ScanRef], list[str], Mapping[str, Any]]:
+    """Make the recipe, so that wrong settings are known before anything else, and find the scans. Its settings are
+    given back too.
 
     Args:
         source: the pickled maker of the recipe.
@@ -69,7 +70,7 @@ def begin(
     if recipe.scan.get("points", 1) is not None or recipe.scan.get("outliers", 1) is not None:
         open3d()  # what cannot be imported is to be known before anything else as well
     ends = frozenset(end for reader in recipe.scan.get("readers", ()) for end in reader.suffixes)
-    return dataset_of(scans, side, manifest, shard, bool(recipe.scan.get("propose")), ends)
+    return *dataset_of(scans, side, manifest, shard, bool(recipe.scan.get("propose")), ends), recipe.settings
 
 
 def load(source: bytes, ref: ScanRef, out: Path, resume: bool, tell: Tell) -> list[Done | bytes]:

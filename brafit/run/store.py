@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -118,9 +119,52 @@ def left_behind(overview: Overview, heard: Collection[str], since: float | None)
             yield done_of(content, position)
 
 
-def scan_folders(out: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
-    """Folders with results in a run's folder, and what their fit.json says."""
-    for folder in sorted(path for path in out.iterdir() if path.is_dir()):
+@dataclass(frozen=True)
+class Earlier:
+    """Scans of earlier runs whose results lie in a run's folder, and which the run does not name.
+
+    Attributes:
+        taken: of the same settings; the run's table has their rows too.
+        left: names of the others; of a run that starts over, of all.
+    """
+
+    taken: tuple[Done, ...] = ()
+    left: tuple[str, ...] = ()
+
+
+def earlier(overview: Overview, settings: Mapping[str, Any]) -> Earlier:
+    """What the folder of a run holds of scans that the run does not name. A shard has none: the others are its peers'.
+
+    Args:
+        overview: of the run.
+        settings: of the run.
+    """
+    if overview.shard is not None:
+        return Earlier()
+    own, taken, left = frozenset(overview.names), [], []
+    for folder, content in scan_folders(overview.out, own):
+        if overview.resumed and _made_with(content) == _comparable(relevant(settings)):
+            taken.append(done_of(content, content.get("position") or 0))
+        else:
+            left.append(folder.name)
+    return Earlier(tuple(taken), tuple(left))
+
+
+def _made_with(content: Mapping[str, Any]) -> str | None:
+    """The settings and the version that a fit.json was made with, to compare."""
+    settings, versions = content.get("settings"), content.get("versions")
+    if not isinstance(settings, Mapping) or not isinstance(versions, Mapping):
+        return None
+    return _comparable({**relevant(settings), "brafit": versions.get("brafit")})
+
+
+def _comparable(settings: Mapping[str, Any]) -> str:
+    return json.dumps(settings, sort_keys=True, default=str)
+
+
+def scan_folders(out: Path, without: Collection[str] = ()) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """Folders with results in a run's folder, and what their fit.json says; without those of some names."""
+    for folder in sorted(path for path in out.iterdir() if path.name not in without and path.is_dir()):
         content = read_fit(folder)
         if content is not None:
             yield folder, content

@@ -23,6 +23,9 @@ from brafit.report.table import SUMMARY_KEYS, write_parquet, write_table
 CHECKED = 100
 """Jobs up to which every combination is checked; of more, each value with the first of the others."""
 
+MEDIANS = ("rms_mm", "p95_mm", "upper_edge_mm", "seam_to_apex_mm", "outline_sd_mm", "tightest_radius_mm", "seconds")
+"""Figures by which the page compares jobs."""
+
 
 @dataclass(frozen=True)
 class SweepJob:
@@ -146,7 +149,7 @@ def _medians(table: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Medians of the figures of a job's good scans."""
     good = [row for row in table if row.get("status") == "ok"]
     found = {}
-    for key in ("rms_mm", "p95_mm", "upper_edge_mm", "outline_sd_mm", "tightest_radius_mm", "seconds"):
+    for key in MEDIANS:
         values = [number for row in good if (number := _number(row.get(key))) is not None]
         if values:
             found[key] = statistics.median(values)
@@ -157,15 +160,16 @@ def _page(
     tables: Sequence[tuple[SweepJob, list[dict[str, Any]]]], swept: Sequence[str], best: Mapping[str, Mapping[str, Any]]
 ) -> str:
     figures = list(dict.fromkeys(key for _, table in tables for key in _medians(table)))
-    words = ["ok", "failed", *map(head, figures)]
+    words = ["ok", "failed", "warnings", *map(head, figures)]
     heads = "".join(f"<th>{escape(word)}</th>" for word in ["job", *swept])
     heads += "".join(f'<th class="number">{escape(word)}</th>' for word in words)
     lines = []
     for job, table in tables:
         good, medians = sum(row.get("status") == "ok" for row in table), _medians(table)
+        warnings = sum(int(_number(row.get("warning_count")) or 0) for row in table)
         cells = [f'<td><a href="{quote(job.folder)}/index.html">{escape(job.folder)}</a></td>']
         cells += [f"<td>{escape(job.overrides.get(key, ''))}</td>" for key in swept]
-        cells += [f'<td class="number" data-value="{n}">{n}</td>' for n in (good, len(table) - good)]
+        cells += [f'<td class="number" data-value="{n}">{n}</td>' for n in (good, len(table) - good, warnings)]
         for key in figures:
             value = medians.get(key)
             shown = "" if value is None else escape(figure(key, value))
@@ -178,8 +182,8 @@ def _page(
     )
     return page(
         "sweep",
-        f"<h1>Sweep of {len(tables)} jobs</h1><p>Figures are medians of a job's good scans, lengths in mm. Click a "
-        "heading to sort, a job for its scans.</p>"
+        f"<h1>Sweep of {len(tables)} jobs</h1><p>Figures are medians of a job's good scans, lengths in mm; warnings "
+        "are counted over all of its scans. Click a heading to sort, a job for its scans and their warnings.</p>"
         f'<div class="scroll"><table class="sortable"><thead><tr>{heads}</tr></thead><tbody>{"".join(lines)}</tbody>'
         "</table></div><h2>Best of each scan</h2><p>The job with the lowest RMS distance; more panels and terms always "
         'follow a scan closer.</p><div class="scroll"><table class="sortable"><thead><tr><th>scan</th><th>job</th>'

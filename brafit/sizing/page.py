@@ -50,7 +50,8 @@ def curve_row(step: Step) -> dict[str, float]:
 
     def own(choice: Choice, name: str) -> dict[str, float]:
         served = choice.served
-        return {f"{name}_mean_mm": served.mean, f"{name}_p95_mm": served.p95, f"{name}_within_3mm": served.near}
+        near = {f"{name}_within_3mm_percent": 100 * served.near}
+        return {f"{name}_mean_mm": served.mean, f"{name}_p95_mm": served.p95, **near}
 
     count = {"sizes": step.sizes.served.count}
     return count | own(step.sizes, "best") | own(step.wire_groups, "wire_groups") | own(step.by_wire, "by_wire")

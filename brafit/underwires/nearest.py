@@ -29,12 +29,17 @@ class NearestWire:
 
     @property
     def words(self) -> str:
-        """How it differs."""
-        longer = f"{abs(self.length):.1f} mm {'longer' if self.length >= 0 else 'shorter'}"
-        return f"{longer} and {abs(self.span):.1f} mm {'wider' if self.span >= 0 else 'narrower'}"
+        """How it differs, to 0.1 mm."""
+        longer = _differs(self.length, "as long", "longer", "shorter")
+        return f"{longer} and {_differs(self.span, 'as wide', 'wider', 'narrower')}"
 
     def __str__(self) -> str:
         return f"{self.wire.name}, {self.words}"
+
+
+def _differs(by: float, alike: str, more: str, less: str) -> str:
+    rounded = round(by, 1)
+    return f"{abs(rounded):.1f} mm {more if rounded > 0 else less}" if rounded else alike
 
 
 FAR = 15.0
@@ -50,7 +55,7 @@ def compared(wire: WireSize, line: Float[np.ndarray, "k 3"], play: float = 0.0, 
 def chosen_wire(name: str, line: Float[np.ndarray, "k 3"]) -> tuple[str, bool]:
     """How a wire that was chosen by its name differs from the scan's own wire line, in words; and whether it is far."""
     chosen, nearest = compared(wire_size(name), line), nearest_wire(line)
-    told = f"the wire {name} is {chosen.words} than the scan's own wire line"
+    told = f"compared with the scan's own wire line, the wire {name} is {chosen.words}"
     return f"{told}; nearest to that, of those sold, is {nearest}", chosen.apart - nearest.apart > FAR
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import warnings
@@ -234,6 +235,23 @@ def test_copied_marks_bring_none_of_the_doubts_of_those_that_they_replace(tmp_pa
     assert "146" not in panel.inner_text()
     assert panel.locator("#origin").inner_text() == "Copied from the other side; look at it."
     assert panel.locator("#faults .fine").count() == 0
+
+
+def test_how_far_copied_marks_were_moved_onto_the_skin_is_said(tmp_path, context):
+    path = tmp_path / "torso.npy"
+    marks = torso_marks(path)
+    apex = marks.points["apex"] + [0, 0, 4.0]
+    write_torso(path, torso_points(POINTS), replace(marks, points={**marks.points, "apex": apex}))
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path / "pages")])
+    page = opened(context, tmp_path / "pages" / "torso.html")
+    page.click("#mirror")
+    said = re.search(r"moved marks by up to (\d\.\d) mm; look at it", page.locator("#origin").inner_text())
+    assert said is not None
+    (copied,) = (one for one in read_breasts(saved(page, tmp_path)) if one.side != marks.side)
+    away = np.linalg.norm(copied.points["apex"] * [-1, 1, 1] - apex)
+    assert 2 < away < 5
+    assert float(said[1]) == pytest.approx(away, abs=0.3)
 
 
 def test_named_points_that_nobody_touched_are_saved_as_they_were(tmp_path, context):

@@ -260,6 +260,13 @@ def test_the_wire_to_buy_is_in_the_row_and_on_the_page(tmp_path, units):
     assert json.loads((tmp_path / "fit.json").read_text())["nearest_wire"] == wire.name
 
 
+@pytest.mark.parametrize(("pair", "sides"), [(False, "left cup"), (True, "left and right cup")])
+def test_the_second_line_names_the_sides_that_are_drawn(pair, sides):
+    one = result(pair=pair)
+    assert one.panels == one.row()["panels"] == 2
+    assert f">{sides}, 2 panels<" in one._drawing.decode()
+
+
 def test_pages_need_neither_matplotlib_nor_a_browser():
     program = "import sys, brafit.report.page; assert not {'matplotlib', 'tensorboard', 'open3d'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", program], check=True, env={**os.environ})

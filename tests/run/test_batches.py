@@ -40,7 +40,7 @@ class Clock:
         stage = function.partition(":")[2]
         if stage == "begin":
             refs = [ScanRef(Path(f"{k}.ply"), (f"{k}",), (None,), (k,)) for k in range(self.scans)]
-            took, value = 0.0, (refs, [])
+            took, value = 0.0, (refs, [], {})
         elif stage == "load":
             took, value = LOAD, [b"scan"]
         elif stage == "fit":

@@ -135,9 +135,11 @@ def test_assumed_places_count_in_no_figure_and_no_warning(recipe: Recipe) -> Non
 
 def test_a_seam_that_costs_much_is_named_as_the_cause():
     """Else the user would look for strays in a good scan."""
-    far, other = (Remark(code_of(key), "it is so", remedy=BOUNDS[key].remedy) for key in ("rms", "wire"))
-    (told, kept) = seam_blamed([far, other], [other])
+    far, edge, other = (Remark(code_of(key), "it is so", remedy=BOUNDS[key].remedy) for key in ("rms", "max", "wire"))
+    (told, again, kept) = seam_blamed([far, edge, other], [other])
     assert (told.code, told.text) == (far.code, far.text)
     assert "condition.seam=closest" in told.remedy
+    assert "the seam through the bust point" in again.remedy
+    assert "condition.seam" not in again.remedy, "once is enough"
     assert kept == other
     assert seam_blamed([far], [far]) == (far,)  # the closest cup is as far

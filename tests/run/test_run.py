@@ -204,6 +204,28 @@ def test_a_run_that_is_broken_off_has_rows_of_all_that_is_finished(job: Job, res
     assert {row["status"] for row in table(job.out)} == {"ok"}
 
 
+def test_a_further_run_adds_to_its_folders_table_unless_it_starts_over(job: Job) -> None:
+    """As brafit-collect would make the table; scans of other settings are named, and left out."""
+    said: list[str] = []
+    first, *others = sample_paths()
+    job = replace(job, scans=[first], sinks=[Table(), Index()])
+    run(replace(job, scans=others))
+    (row,) = run(job, say=said.append)
+    assert row["scan"] == "anny_01", "a run answers for its own scans"
+    assert "2 more scans of earlier runs in this folder, in its table too: anny_04, anny_09." in said[-1]
+    made = (job.out / "summary.csv").read_bytes()
+    assert "anny_09" in (job.out / "index.html").read_text()
+    assert [done.name for done in collect([job.out])] == ["anny_01", "anny_04", "anny_09"]
+    assert (job.out / "summary.csv").read_bytes() == made
+    for other in ({"resume": "redo"}, {"recipe": partial(faulty.plain, settings={"restarts": 2})}):
+        run(replace(job, **other), say=said.append)
+        assert [row["scan"] for row in table(job.out)] == ["anny_01"]
+        assert "2 more scans of earlier runs in this folder, not in its table: anny_04, anny_09." in said[-1]
+    run(replace(job, shard="1/1"), say=said.append)
+    assert [row["scan"] for row in table(job.out, "summary_1_of_1.csv")] == ["anny_01"]
+    assert "more scan" not in said[-1], "they are of its peers"
+
+
 def test_shards_together_are_the_whole(job: Job, tmp_path: Path) -> None:
     run(job)
     whole = table(job.out)

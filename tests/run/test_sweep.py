@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import pyarrow.parquet
@@ -59,7 +60,8 @@ def test_all_choices_of_a_group_and_of_what_is_none() -> None:
 
 def row(scan: str, rms: float | None) -> dict:
     status = {"status": "ok", "rms_mm": rms} if rms is not None else {"status": "failed", "reason": "no cup"}
-    return {"scan": scan, "cup": "strips", "panels": 2, **status}
+    told = {"seam_to_apex_mm": 4 * rms, "warning_count": 2} if rms is not None else {}
+    return {"scan": scan, "cup": "strips", "panels": 2, **status, **told}
 
 
 def test_one_table_over_all_jobs(tmp_path: Path) -> None:
@@ -80,6 +82,11 @@ def test_one_table_over_all_jobs(tmp_path: Path) -> None:
         ("cup.terms=4", 1.0, 2),
     ]
     page = (tmp_path / "index.html").read_text()
+    heads, *lines = re.findall(r"<tr>.*?</tr>", page)
+    columns = re.findall(r"<th[^>]*>(.*?)</th>", heads)
+    for line, (ok, warnings, apex) in zip(lines, [("2", "4", "6.00"), ("1", "2", "6.00")], strict=False):
+        cells = dict(zip(columns, re.findall(r"<td[^>]*>(.*?)</td>", line), strict=True))
+        assert (cells["ok"], cells["warnings"], cells["seam to apex"]) == (ok, warnings, apex)
     assert "cup.terms%3D8/index.html" in page
     events = EventAccumulator(str(tmp_path / "tensorboard" / "cup.terms=8")).Reload()
     assert events.Scalars("sweep/rms_mm")[0].value == 1.5

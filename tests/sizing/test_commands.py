@@ -16,6 +16,7 @@ import brafit
 from brafit.cli import nest, sizes
 from brafit.report.dimensions import PANELS_AREA
 from brafit.samples import sample_paths
+from brafit.sizing.service import NEAR
 from brafit.sizing.stored import fit_names, pattern_of, shape_of, stored_fit
 
 KINDS = [(60.0, 0.8), (60.0, 1.2), (75.0, 1.0)]
@@ -56,6 +57,8 @@ def test_kinds_are_found_and_everyone_gets_her_own(population, tmp_path: Path):
         errors = [own[member["scan"]] for member in members if member["size"] == row["size"]]
         assert float(row["mean_mm"]) == pytest.approx(np.mean(errors), rel=1e-4)
         assert int(row["members"]) == 5
+        near = np.mean([error <= NEAR for error in errors])
+        assert float(row["within_3mm_percent"]) == pytest.approx(100 * near, rel=1e-4)
     curve = table(tmp_path / "curve.csv")
     means = [float(row["best_mean_mm"]) for row in curve]
     assert means == sorted(means, reverse=True)

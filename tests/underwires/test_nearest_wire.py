@@ -41,10 +41,12 @@ def test_a_chosen_wire_is_compared_with_the_own_line():
     line = somewhere(next(wire for wire in CATALOGUE if wire.name == "harriet:40"))
     own, far = chosen_wire("harriet:40", line)
     assert not far
-    assert own.endswith("nearest to that, of those sold, is harriet:40, 0.0 mm longer and 0.0 mm wider")
+    assert own.endswith("nearest to that, of those sold, is harriet:40, as long and as wide")
     told, far = chosen_wire("harriet:44", line)
     assert far
-    assert told.startswith("the wire harriet:44 is 29.8 mm longer and 16.9 mm wider than the scan's own wire line")
+    assert told.startswith(
+        "compared with the scan's own wire line, the wire harriet:44 is 29.8 mm longer and 16.9 mm wider"
+    )
 
 
 def test_no_other_wire_is_nearer():

@@ -5,7 +5,8 @@
 // was looked at; of marks made by hand alone there is nothing to say); touched (what was edited: "wire", which has its
 // ends, "strap_point", "apex", "neckline"); named (the points that the landmark file or the proposal names, as they were;
 // null where there is none); detected (the wire was not in the file, it was found in the crease); backwards (lines that
-// the file has from their outer end: "wire", "neckline").
+// the file has from their outer end: "wire", "neckline"); moved (mm, of a breast copied from the other side: how far its
+// marks are from the mirror image, at most, since they are laid on the skin).
 // A line: via (its handles between its ends), points (the line itself: as it was given until a handle is moved).
 
 const ENDS = {
@@ -31,6 +32,7 @@ const nothing = (origin) => ({
   named: null,
   detected: false,
   backwards: [],
+  moved: 0,
 });
 // The breast with marks noted as edited.
 const touching = (breast, ...marks) => ({ ...breast, touched: [...new Set([...breast.touched, ...marks])] });
@@ -159,12 +161,14 @@ function withNeckline(breast, towards, skin) {
 
 // A breast's marks on the other side of the body, laid on the skin there.
 function mirroredBreast(breast, mirror, skin) {
+  const changed = { ...nothing("mirrored") };
   const image = (point) => {
     if (point === null) return null;
-    const flipped = along(point, -2 * (dot(point, mirror.normal) - mirror.offset), mirror.normal);
-    return skin.settled(flipped, MIRROR_REACH) || flipped;
+    const flipped = along(point, -2 * (dot(point, mirror.normal) - mirror.offset), mirror.normal),
+      laid = skin.settled(flipped, MIRROR_REACH) || flipped;
+    changed.moved = Math.max(changed.moved, apart(laid, flipped));
+    return laid;
   };
-  const changed = { ...nothing("mirrored") };
   for (const name of POINTS) changed[name] = image(breast[name]);
   for (const key of Object.keys(ENDS)) if (breast[key]) changed[key] = { via: breast[key].via.map(image), points: [] };
   return redrawn(changed, Object.keys(ENDS), skin);

@@ -106,7 +106,7 @@ function showFaults(faults, complete, unseen) {
     (odd.length ? `<div class="unsure">Unusual:${list(odd)}</div>` : "") +
     (complete && !faults.length
       ? unseen
-        ? `<div class="soft">By the page's own bounds nothing is implausible; ${unseen}.</div>`
+        ? `<div class="soft">All measures are within their usual ranges, but ${unseen}.</div>`
         : '<div class="fine">Nothing is implausible.</div>'
       : "");
 }
@@ -121,12 +121,16 @@ function doubtsOf(breast, told, faults = []) {
   return [...faults, ...told.doubts.filter((doubt) => !breast.touched.includes(doubt.mark)).map((doubt) => doubt.says)];
 }
 
+const TOLD = 1; // copied marks that lie closer to the mirror image than so many mm are said to be copied, no more
+
 // Where the marks of a breast are from, and how far they can be trusted.
 function showOrigin(breast, told, doubts) {
   const origins = {
     given: "Marks of the landmark file.",
     proposed: `Proposed by brafit, confidence ${told && told.confidence !== null ? told.confidence.toFixed(1) : "unknown"}. Nobody has looked at them yet.`,
-    mirrored: "Copied from the other side; look at it.",
+    mirrored: `Copied from the other side${
+      breast.moved >= TOLD ? ` and laid on the skin here, which moved marks by up to ${breast.moved.toFixed(1)} mm` : ""
+    }; look at it.`,
     hand: isEmpty(breast) ? "Nothing is marked on this side." : "",
   };
   const said = breast.looked && ["proposed", "mirrored"].includes(breast.origin) ? "" : origins[breast.origin];
