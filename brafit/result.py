@@ -28,7 +28,6 @@ from brafit.pattern import (
     PatternOptions,
     Piece,
     Side,
-    deepest_point,
     finish,
     marks_on,
     pieces_from_panels,
@@ -89,8 +88,8 @@ class Result:
 
     @cached_property
     def apex(self) -> Float[ndarray, "3"]:
-        """The bust point in the cup frame: as given, or the cup's point farthest from the chest."""
-        return deepest_point(self.shape) if self.target.apex is None else self.target.apex
+        """The bust point in the cup frame: as given, or guessed from the points, see `Target.bust_point`."""
+        return self.target.bust_point
 
     @cached_property
     def pieces(self) -> list[Piece]:

@@ -377,7 +377,7 @@ def measured_cups(cup: Cup, targets: Sequence[Target], refinements: int = REFINE
         flat, own = shape.flat(), distances[k, : len(target.points)]
         neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
         figures = figures_of(shape, flat, own, neckline, smooth[k] * scale, wire.smoothing[k].item())
-        figures["seam_to_apex_mm"] = seam_to_apex(shape, target.apex)
+        figures["seam_to_apex_mm"] = seam_to_apex(shape, target.bust_point)
         panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
         results.append(Measured(shape, panels, own, figures))
     twisted = [k for k, one in enumerate(results) if not one.figures["twist_deg_max"] <= TWIST_LIMIT]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import brafit
 from brafit.cli import nest, sizes
 from brafit.report.dimensions import PANELS_AREA
 from brafit.samples import sample_paths
+from brafit.scan import load_scan
 from brafit.sizing.stored import fit_names, pattern_of, shape_of, stored_fit
 
 KINDS = [(60.0, 0.8), (60.0, 1.2), (75.0, 1.0)]
@@ -233,8 +235,11 @@ def test_a_right_cup_is_drawn_as_a_left_one(tmp_path: Path):
         np.testing.assert_allclose(one.cut_outline(), other.cut_outline())
 
 
-def test_a_real_fit_is_made_again_to_the_last_thousandth(tmp_path: Path):
-    result = brafit.fit(sample_paths()[0], settings=["scan.points=200", "pattern.report=false", "pattern.meshes=[]"])
+@pytest.mark.parametrize("marked", [True, False])
+def test_a_real_fit_is_made_again_to_the_last_thousandth(tmp_path: Path, marked: bool):
+    scan = load_scan(sample_paths()[0], points=200)
+    scan = scan if marked else replace(scan, apex=None)
+    result = brafit.fit(scan, settings=["pattern.report=false", "pattern.meshes=[]"])
     result.save(tmp_path / "scan")
     stored = stored_fit(tmp_path / "scan")
     assert stored is not None
@@ -243,3 +248,6 @@ def test_a_real_fit_is_made_again_to_the_last_thousandth(tmp_path: Path):
         for line, before in zip(piece.sew, own.sew, strict=True):
             assert line.length == pytest.approx(before.length, abs=1e-3)
         assert {notch.name for notch in piece.notches} == {notch.name for notch in own.notches}
+        assert [hole.name for hole in piece.holes] == [hole.name for hole in own.holes]
+        for hole, before in zip(piece.holes, own.holes, strict=True):
+            np.testing.assert_allclose(hole.point, before.point, atol=1e-3)
