@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float
 from brafit.cloud.read import FLAG, MIN_POINTS, Cloud
 from brafit.errors import InputError, OtherUnitError
 from brafit.geometry.polyline import polyline_length
-from brafit.landmarks.file import POINT_NAMES, Landmarks
+from brafit.landmarks.fields import POINT_NAMES
+from brafit.landmarks.file import Landmarks
 from brafit.landmarks.units import NAMES, WIRE_USUAL, unit_of
 from brafit.surface.neighbours import distances_to
 
