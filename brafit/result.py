@@ -19,6 +19,7 @@ from numpy import ndarray
 from brafit.atomic import write_bytes
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
+from brafit.errors import InputError
 from brafit.fitting import CupFit, Target
 from brafit.fitting.certainty import outline_deviation
 from brafit.fitting.result import EdgeDeviations, Survey
@@ -169,9 +170,15 @@ class Result:
 
         Raises:
             ConfigError: the options ask for files that no writer makes, or two make.
+            InputError: the folder cannot be made.
         """
         folder, facts = Path(folder), {**self.facts, **(extra or {})}
         cup_writers.check_cup_writers(self.options.meshes, self.options.formats)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            cause = f"this folder cannot be made ({error.strerror or error})"
+            raise InputError(folder, cause, "Save to a folder that can be written to") from None
         written = self._write_patterns(folder)
         written += cup_writers.write_cup(folder, self._formed, self.options.meshes)
         if self.options.report:
