@@ -49,6 +49,7 @@ ISOMETRY_LIMIT = 1.0
 """Largest difference of lengths in space and in the pattern, in mm, of anything that is a cup at all."""
 REMEDY = "Try more starts (restarts=6) or another number of panels (cup.panels)"
 """What helps where a fit is no cup."""
+ONE_PANEL = "A breast bends both ways, a panel only one: set cup.panels to 2 or more"
 TRIALS = 2
 """Ridges that are tried where one is to run through the apex: of several the nearest is not always the best."""
 UNCERTAIN = 2.0
@@ -340,7 +341,8 @@ def _judged(
         faults.append(Remark("isometry", words))
     if (cup.developable or torn) and faults and fit.code is not ResultCode.DIVERGED:
         code = ResultCode.UNRESOLVED
-        reason = f"{code.value}: {'; '.join(map(str, faults))}. {REMEDY}"
+        remedy = REMEDY if fit.shape.panels > 1 else ONE_PANEL
+        reason = f"{code.value}: {'; '.join(map(str, faults))}. {remedy}"
         return replace(fit, code=code, reason=reason, warnings=(*warnings, *faults))
     return replace(fit, warnings=(*warnings, *faults))
 

@@ -193,6 +193,13 @@ def test_an_unmarked_bust_point_is_the_scans_farthest_point_and_is_said_so(scans
         assert "bust_point_guessed" in result.facts["note_codes"]
 
 
+def test_a_cup_of_one_panel_says_that_it_takes_two(scans: list[Scan]) -> None:
+    (found,) = fitted(recipe_of([*QUICK, "cup.panels=1"]), scans[1:2])
+    assert found.code is ResultCode.UNRESOLVED
+    assert found.reason.endswith("set cup.panels to 2 or more")
+    assert "starts" not in found.reason
+
+
 def test_a_marked_bust_point_is_no_guess(scans: list[Scan], fit: CupFit) -> None:
     assert "bust_point_guessed" not in [note.code for note in fit.notes]
     np.testing.assert_array_equal(result_of(recipe_of(QUICK), scans[0], fit).apex, scans[0].apex)

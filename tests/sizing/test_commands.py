@@ -126,8 +126,8 @@ def test_cups_of_other_thickness_are_refused(population, tmp_path: Path, capsys)
         for_cloth(results / name, thickness=5.0)
     assert run(sizes, results, "--sizes", 3, "--out", tmp_path / "out") == 2
     said = capsys.readouterr().err
-    assert f"{names[3]}/fit.json: its cup is for material 5 mm thick" in said
-    assert "like 2 of 15, and 13 are for 0 mm" in said
+    assert f"{names[3]}/fit.json: its cup was fitted for material 5 mm thick" in said
+    assert "but 13 of the 15 cups for 0 mm" in said
     assert run(sizes, *(results / name for name in names[3:5]), "--sizes", 2, "--out", tmp_path / "out") == 0
 
 
@@ -136,7 +136,7 @@ def test_cups_of_other_thickness_are_not_nested_but_lie_side_by_side(population,
     shutil.copytree(population[0], results)
     for_cloth(min(results.iterdir()), thickness=5.0)
     assert run(nest, results, "--out", tmp_path / "out") == 2
-    assert "like 1 of 15, and 14 are for 0 mm" in capsys.readouterr().err
+    assert "but 14 of the 15 cups for 0 mm" in capsys.readouterr().err
     assert not (tmp_path / "out" / "patterns.svg").exists()
     assert run(nest, results, "--out", tmp_path / "out", "--align", "none") == 0
     said = capsys.readouterr().err
