@@ -74,9 +74,10 @@ def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callback | None = No
 
     fits = chosen(recipe, len(scans), some)
     words = f"no bust point is marked: it is taken to be {GUESS}"
+    remedy = "mark it (landmarks.apex) where that is another"
     found = []
     for fit, scan, guess in zip(fits, scans, guessed, strict=True):
-        notes = (*fit.notes, Remark("bust_point_guessed", words, fit.name)) if guess else fit.notes
+        notes = (*fit.notes, Remark("bust_point_guessed", words, fit.name, remedy)) if guess else fit.notes
         found.append(replace(fit, notes=notes, uncovered_share=uncovered_share(fit.shape, scan.dense)))
     return found
 
