@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brafit.errors import ConfigError, InputError, OtherUnitError, WrongWayError
+from brafit.errors import ApartError, ConfigError, InputError, OtherUnitError, WrongWayError
 
 if TYPE_CHECKING:
     from brafit.fitting import DifferentiableFit, Target
@@ -118,7 +118,11 @@ def layer(
 
 
 def _listed(settings: str | Sequence[str]) -> Sequence[str]:
-    return [settings] if isinstance(settings, str) else settings
+    listed = [settings] if isinstance(settings, str) else settings
+    if not isinstance(listed, Sequence) or not all(isinstance(text, str) for text in listed):
+        form = 'must be a list of key=value, such as ["cup.panels=3", "restarts=6"]'
+        raise ConfigError(f"settings: {form}, not {str(listed)[:80]}")
+    return listed
 
 
 def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str, settings: Mapping[str, Any]) -> Scan:
@@ -146,6 +150,8 @@ def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str,
         own = "points of a Scan are in its cup frame, right ones mirrored: give brafit.fit the scan itself"
         remedy = f'Give side="{other}", or the wire from its inner to its outer end; {own}'
         raise WrongWayError(error.file, error.cause, remedy) from None
+    except ApartError as error:
+        raise ApartError(error.file, error.cause, "Give points and marks in one frame and one unit") from None
     except OtherUnitError as error:
         setting = f'settings=["scan.units={error.unit}"]'
         remedy = f"Give points and marks in millimetres, or {setting} if all are in that unit"

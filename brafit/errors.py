@@ -31,6 +31,10 @@ class WrongWayError(InputError):
     """A wire that runs from its outer to its inner end, or a side that is not the wire's."""
 
 
+class ApartError(InputError):
+    """A cloud and marks that do not belong together: they differ in size, or lie in different places."""
+
+
 class OtherUnitError(InputError):
     """Lengths that are those of another unit.
 

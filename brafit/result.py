@@ -19,6 +19,7 @@ from numpy import ndarray
 from brafit.atomic import write_bytes
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
+from brafit.errors import InputError
 from brafit.fitting import CupFit, Target
 from brafit.fitting.certainty import outline_deviation
 from brafit.fitting.result import EdgeDeviations, Survey
@@ -28,7 +29,6 @@ from brafit.pattern import (
     PatternOptions,
     Piece,
     Side,
-    deepest_point,
     finish,
     marks_on,
     pieces_from_panels,
@@ -94,8 +94,8 @@ class Result:
 
     @cached_property
     def apex(self) -> Float[ndarray, "3"]:
-        """The bust point in the cup frame: as given, or the cup's point farthest from the chest."""
-        return deepest_point(self.shape) if self.target.apex is None else self.target.apex
+        """The bust point in the cup frame: as given, or guessed from the points, see `Target.bust_point`."""
+        return self.target.bust_point
 
     @cached_property
     def pieces(self) -> list[Piece]:
@@ -175,9 +175,15 @@ class Result:
 
         Raises:
             ConfigError: the options ask for files that no writer makes, or two make.
+            InputError: the folder cannot be made.
         """
         folder, facts = Path(folder), {**self.facts, **(extra or {})}
         cup_writers.check_cup_writers(self.options.meshes, self.options.formats)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            cause = f"this folder cannot be made ({error.strerror or error})"
+            raise InputError(folder, cause, "Save to a folder that can be written to") from None
         written = self._write_patterns(folder)
         written += cup_writers.write_cup(folder, self._formed, self.options.meshes)
         if self.options.report:

@@ -91,6 +91,15 @@ def report_breasts(targets: list[Target]) -> None:
         print(f"  median RMS {np.median([fit.figures['rms_mm'] for fit in fits]):.2f} mm")
 
 
+def report_unmarked(targets: list[Target]) -> None:
+    """How far from the marked bust point the one lies that is guessed where none is marked."""
+    print("\nguessed bust points, mm from the marked ones")
+    off = [
+        float(np.linalg.norm(replace(one, apex=None).bust_point - one.apex)) for one in targets if one.apex is not None
+    ]
+    print(f"  median {np.median(off):.1f}; each:", *(f"{away:.1f}" for away in sorted(off)))
+
+
 def report_seam(targets: list[Target], counts: Sequence[int], at_once: int, starts: int = 8) -> None:
     """A seam through the bust point: how near it comes, what it costs, and whether one start finds what eight find with
     every ridge in turn.
@@ -511,6 +520,7 @@ def report_run(folder: str, rescans: int = 224) -> None:
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     "run": lambda options: report_run(options.folder),
     "breasts": lambda options: report_breasts(breasts(options.folder)),
+    "unmarked": lambda options: report_unmarked(breasts(options.folder)),
     "seam": lambda options: report_seam(breasts(options.folder), options.panels, options.at_once),
     "starts": lambda options: report_starts(breasts(options.folder)),
     "steps": lambda options: report_steps(breasts(options.folder)),

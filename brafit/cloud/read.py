@@ -128,6 +128,9 @@ def _check_file(path: Path, others: Set[str]) -> None:
     if not path.is_file():
         raise InputError(path, "is no regular file, but a pipe, a device or the like", "Name a cloud")
     if path.suffix.lower() not in known:
+        beside = [path.with_suffix(end).name for end in sorted(known) if path.with_suffix(end).is_file()]
+        if beside:
+            raise InputError(path, "is no cloud, but stands beside one", f"Name {' or '.join(beside)}")
         raise InputError(path, f"is not a cloud of a known format ({formats})", "Name a cloud, or export it as .ply")
     try:
         with path.open("rb") as file:

@@ -49,6 +49,7 @@ ISOMETRY_LIMIT = 1.0
 """Largest difference of lengths in space and in the pattern, in mm, of anything that is a cup at all."""
 REMEDY = "Try more starts (restarts=6) or another number of panels (cup.panels)"
 """What helps where a fit is no cup."""
+ONE_PANEL = "A breast bends both ways, a panel only one: set cup.panels to 2 or more"
 TRIALS = 2
 """Ridges that are tried where one is to run through the apex: of several the nearest is not always the best."""
 UNCERTAIN = 2.0
@@ -340,7 +341,8 @@ def _judged(
         faults.append(Remark("isometry", words))
     if (cup.developable or torn) and faults and fit.code is not ResultCode.DIVERGED:
         code = ResultCode.UNRESOLVED
-        reason = f"{code.value}: {'; '.join(map(str, faults))}. {REMEDY}"
+        remedy = REMEDY if fit.shape.panels > 1 else ONE_PANEL
+        reason = f"{code.value}: {'; '.join(map(str, faults))}. {remedy}"
         return replace(fit, code=code, reason=reason, warnings=(*warnings, *faults))
     return replace(fit, warnings=(*warnings, *faults))
 
@@ -377,7 +379,7 @@ def measured_cups(cup: Cup, targets: Sequence[Target], refinements: int = REFINE
         flat, own = shape.flat(), distances[k, : len(target.points)]
         neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
         figures = figures_of(shape, flat, own, neckline, smooth[k] * scale, wire.smoothing[k].item())
-        figures["seam_to_apex_mm"] = seam_to_apex(shape, target.apex)
+        figures["seam_to_apex_mm"] = seam_to_apex(shape, target.bust_point)
         panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
         results.append(Measured(shape, panels, own, figures))
     twisted = [k for k, one in enumerate(results) if not one.figures["twist_deg_max"] <= TWIST_LIMIT]

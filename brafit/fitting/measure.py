@@ -106,19 +106,16 @@ def upper_edge_gap(edge: Tensor, neckline: Tensor) -> float:
     return 0.5 * (_distance(edge, neckline).mean() + _distance(neckline, edge).mean()).item()
 
 
-def seam_to_apex(shape: CupShape, apex: Float[np.ndarray, "3"] | None) -> float:
+def seam_to_apex(shape: CupShape, apex: Float[np.ndarray, "3"]) -> float:
     """Distance of the nearest ridge from the bust point, mm; nan for a cup of one panel.
 
     Args:
         shape: one cup, mm.
-        apex: the bust point; None: the cup's point farthest from the chest, which lies on an edge, since rulings are
-            straight.
+        apex: the bust point.
     """
     if shape.panels < 2:
         return math.nan
-    edges = shape.edges.reshape(-1, 3)
-    point = edges[edges[:, 2].argmax()] if apex is None else torch.as_tensor(apex, dtype=edges.dtype)
-    one, asked = shape.map(lambda value: value[None]), point[None, None]
+    one, asked = shape.map(lambda value: value[None]), torch.as_tensor(apex, dtype=shape.edges.dtype)[None, None]
     return min(gaps_to_points(one, ridge, asked).vectors.norm().item() for ridge in range(1, shape.panels))
 
 

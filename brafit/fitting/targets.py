@@ -24,6 +24,9 @@ _WIDE = 3.0
 """A patch of points is no patch if its radius is so many times the typical one."""
 SHEET_NEIGHBOURS = 12
 """Neighbours that a point's normal is taken from."""
+TOP = 0.005
+"""Share of a scan's points, those farthest from the wire's plane, whose middle stands for a bust point that nobody
+marked."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ class Target:
         wire: points along the wire, inner end first.
         neckline: points along the wanted upper edge, inner end first, or None.
         strap_point: where the strap is to be sewn on (the connection point X_C), or None.
-        apex: the bust point, or None.
+        apex: the bust point, or None: the fit is told of none. `bust_point` is one always.
         assumed: places on a surface that is assumed where the scan has no data: the fit sees them, no figure and no
             warning counts them.
         weights: share of the surface that each of `seen` stands for, or None: all alike.
@@ -50,6 +53,14 @@ class Target:
     apex: Float[np.ndarray, "3"] | None = None
     assumed: Float[np.ndarray, "g 3"] | None = None
     weights: Float[np.ndarray, " w"] | None = None
+
+    @property
+    def bust_point(self) -> Float[np.ndarray, "3"]:
+        """The apex; where nobody marked it, the middle of the points farthest from the wire's plane."""
+        if self.apex is not None:
+            return self.apex
+        order = np.argsort(self.points[:, 2])
+        return self.points[order[-max(1, round(TOP * len(order))) :]].mean(axis=0)
 
     @property
     def seen(self) -> Float[np.ndarray, "w 3"]:

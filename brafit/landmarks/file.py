@@ -6,7 +6,6 @@ their messages name the field and, for a misspelt one, the field that was probab
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import re
@@ -20,13 +19,11 @@ from jaxtyping import Float
 
 from brafit.cloud.mesh import ABSURD
 from brafit.errors import InputError
+from brafit.landmarks.fields import BREAST_FIELDS, POINT_NAMES, check_names
 from brafit.landmarks.units import MILLIMETRES
 from brafit.naming import on_disk
 
 SIDES = ("left", "right")
-POINT_NAMES = ("inner_end", "outer_end", "wire_bottom", "apex", "strap_point")
-BREAST_FIELDS = ("side", "landmarks", "wire", "upper_line", "proposed")
-FIELDS = ("name", "units", *BREAST_FIELDS, "breasts")
 WIRE_POINTS = 4
 DECIMALS = {"mm": 3, "cm": 4, "in": 5, "m": 6}
 """Decimals of positions that are written, by unit: a thousandth of a millimetre."""
@@ -86,7 +83,8 @@ def read_landmarks(path: str | Path, side: str | None = None) -> Landmarks:
     """Read and check a landmark file: the breast of this side, or the first.
 
     A file marks one breast, or two in the list `breasts`. `side` is required; marked points, `wire` and `upper_line`
-    are optional, but a misspelt or malformed one is an error. Other fields are allowed and ignored.
+    are optional, but one that is malformed, misspelt, called by another name or in the wrong place is an error. Other
+    fields are allowed and ignored.
 
     Args:
         path: the file, JSON in UTF-8, UTF-16 or UTF-32.
@@ -108,7 +106,7 @@ def read_breasts(path: str | Path) -> list[Landmarks]:
     """
     path = Path(path)
     data = _json(path)
-    _refuse_misspelt(path, data, FIELDS, "")
+    check_names(path, data)
     units = _units(path, data.get("units"))
     name = data.get("name", path.stem)
     if not isinstance(name, str) or not name.strip():
@@ -121,8 +119,6 @@ def read_breasts(path: str | Path) -> list[Landmarks]:
     if doubled := [key for key in BREAST_FIELDS if key in data]:
         remedy = "Write it in each of breasts"
         raise InputError(path, f"{doubled[0]}: stands beside breasts, but belongs into it", remedy)
-    for i, item in enumerate(several):
-        _refuse_misspelt(path, item, BREAST_FIELDS, f"breasts[{i}].")
     breasts = [_breast(path, item, name, units, f"breasts[{i}].") for i, item in enumerate(several)]
     sides = [breast.side for breast in breasts]
     if len(set(sides)) < len(sides):
@@ -206,27 +202,6 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
-def _refuse_misspelt(path: Path, data: dict[str, Any], names: tuple[str, ...], prefix: str) -> None:
-    """Unknown fields are allowed, unless one looks like a known field that is absent."""
-    absent = [name for name in names if name not in data]
-    for key in data:
-        if key in names:
-            continue
-        meant = _meant(key, absent)
-        if meant:
-            raise InputError(
-                path,
-                f"{prefix}{meant}: missing; '{key}' looks like it",
-                f"Rename '{key}' to '{meant}', or remove it",
-            )
-
-
-def _meant(key: str, names: list[str]) -> str | None:
-    plain = key.strip().lower().replace("-", "_").replace(" ", "_")
-    close = difflib.get_close_matches(plain, names, n=1, cutoff=0.75)
-    return close[0] if close else None
-
-
 def _units(path: Path, units: Any) -> str | None:
     if units is None:
         return None
@@ -253,7 +228,6 @@ def _points(path: Path, block: Any, prefix: str) -> dict[str, np.ndarray]:
     if not isinstance(block, dict):
         remedy = f'Write {{"apex": [x, y, z], ...}}. {SCHEMA}'
         raise InputError(path, f"{prefix}landmarks: {_kind(block)}, not an object with named points", remedy)
-    _refuse_misspelt(path, block, POINT_NAMES, f"{prefix}landmarks.")
     named = [name for name in POINT_NAMES if block.get(name) is not None]
     return {name: np.array(_triple(path, f"{prefix}landmarks.{name}", block[name])) for name in named}
 

@@ -15,9 +15,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from brafit.cloud.read import FLAG, MIN_POINTS, Cloud
-from brafit.errors import InputError, OtherUnitError
-from brafit.geometry.polyline import polyline_length
-from brafit.landmarks.file import POINT_NAMES, Landmarks
+from brafit.errors import ApartError, InputError, OtherUnitError
+from brafit.geometry.polyline import evenly_spaced, polyline_length
+from brafit.landmarks.fields import POINT_NAMES
+from brafit.landmarks.file import Landmarks
 from brafit.landmarks.units import NAMES, WIRE_USUAL, unit_of
 from brafit.surface.neighbours import distances_to
 
@@ -34,6 +35,9 @@ BREAST_REACH = 0.6
 
 DISTINCT = 8.0
 """Two marks nearer to each other (mm) are meant for one place: of 14 breasts, 30 and more apart."""
+ON_LINE, FAR_OFF = 10.0, 30.0
+"""A marked point this near to a line (mm) lies on it, and this far from it on another. Of 18 scans strap points are on
+the upper line and wires' bottoms on the wire within 3, and 75 and more from the other."""
 TO_AND_FRO = 1.5
 """A wire so many times as long as the line through the means of its neighbouring points is none: 1.0 of 14 breasts,
 below 1.3 where only four of their points are left."""
@@ -51,12 +55,13 @@ def check_scan(cloud: Cloud, landmarks: Landmarks) -> None:
     """Refuse a scan whose cloud and landmarks (both in millimetres) cannot be what they should be.
 
     Raises:
-        InputError: two marks in one place; wire of an impossible length, or whose points are not in order; cloud too
-            small for it; wire or marks away from the cloud; too few points flagged inside; a wire that covers only a
-            part of the breast's line.
+        InputError: two marks in one place; wire of an impossible length, or whose points are not in order, or that is
+            the upper line; too few points flagged inside; a wire that covers only a part of the breast's line.
+        ApartError: cloud too small for the wire; wire or marks away from the cloud.
     """
     _check_distinct(landmarks)
     if landmarks.wire is not None:
+        _check_not_swapped(landmarks, landmarks.wire)
         length = polyline_length(landmarks.wire)
         _check_order(landmarks.path, landmarks.wire, length)
         _check_wire_length(landmarks.path, length)
@@ -97,6 +102,21 @@ def _check_distinct(landmarks: Landmarks) -> None:
             raise InputError(landmarks.path, cause, "Correct the one that is wrong, or leave it out")
 
 
+def _check_not_swapped(landmarks: Landmarks, wire: np.ndarray) -> None:
+    """Refuse a wire that is the upper line, and the other way round: marked points lie on the wrong one of them."""
+    upper = landmarks.upper_line
+    for name, own, other in (("strap_point", upper, wire), ("wire_bottom", wire, upper)):
+        point = landmarks.points.get(name)
+        if point is None or own is None or other is None:
+            continue
+        away, near = (float(distances_to(evenly_spaced(line, 400), point[None], np.inf)[0]) for line in (own, other))
+        if near < ON_LINE and away > FAR_OFF:
+            lines = ("upper_line", "wire") if name == "strap_point" else ("wire", "upper_line")
+            cause = f"wire and upper_line seem to be swapped: landmarks.{name} lies on {lines[1]}, {away:.0f} mm"
+            cause = f"{cause} from {lines[0]}"
+            raise InputError(landmarks.path, cause, "Let each stand under the other's name")
+
+
 def _check_order(file: Path, wire: np.ndarray, length: float) -> None:
     """Refuse a line whose points jump to and fro."""
     smooth = np.concatenate([wire[:1], (wire[:-2] + 2 * wire[1:-1] + wire[2:]) / 4, wire[-1:]])
@@ -114,9 +134,8 @@ def _check_cloud_size(file: Path, points: np.ndarray, length: float) -> None:
             cause = f"only {distinct} of its {len(points)} points are distinct"
             raise InputError(file, cause, "Export the cloud again, or scan again")
         cause = f"the whole cloud is only {size:.3g} mm across, its wire is {length:.0f} mm long"
-        raise InputError(
-            file, cause, "Check that cloud and landmark file belong together, and their units (scan.units)"
-        )
+        remedy = "Check that cloud and landmark file belong together, and their units (scan.units)"
+        raise ApartError(file, cause, remedy)
 
 
 def _check_distances(landmarks: Landmarks, cloud: Cloud) -> None:
@@ -135,7 +154,7 @@ def _check_distances(landmarks: Landmarks, cloud: Cloud) -> None:
             where = f"{far:.0f} mm away from the cloud"
             if name in lines:
                 where = f"nowhere near the cloud, {far:.0f} mm away from it"
-            raise InputError(landmarks.path, f"{name}: {where}", remedy)
+            raise ApartError(landmarks.path, f"{name}: {where}", remedy)
 
 
 def _check_covers(landmarks: Landmarks, cloud: Cloud) -> None:

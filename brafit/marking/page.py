@@ -17,7 +17,8 @@ import numpy as np
 from brafit.anatomy.confidence import OF_APEX, Confidence
 from brafit.cloud.read import MIN_POINTS, Cloud
 from brafit.errors import InputError
-from brafit.landmarks.file import DECIMALS, FIELDS, Landmarks, landmarks_path
+from brafit.landmarks.fields import FIELDS
+from brafit.landmarks.file import DECIMALS, Landmarks, landmarks_path
 from brafit.landmarks.units import MILLIMETRES, NAMES
 from brafit.marking.bounds import bounds, catalogue
 from brafit.marking.opening import Opening, opening_of

@@ -12,7 +12,7 @@ svg, dxf, pdf  the writers, which translate the drawing; each is imported by its
 """
 
 from brafit.pattern.finish import CutPiece, Pattern, finish
-from brafit.pattern.marks import deepest_point, marks_on
+from brafit.pattern.marks import marks_on
 from brafit.pattern.options import PatternOptions
 from brafit.pattern.piece import CupMark, Edge, Kind, Piece, Sheet, Side, layout, layout_columns, pieces_from_panels
 from brafit.pattern.svg import write_svg
@@ -30,7 +30,6 @@ __all__ = [
     "Piece",
     "Sheet",
     "Side",
-    "deepest_point",
     "finish",
     "layout",
     "layout_columns",

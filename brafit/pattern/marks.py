@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -48,14 +46,6 @@ def marks_on(
         _, station = nearest_on_edge(shape, shape.panels, strap_point)
         marks.append(CupMark("strap point", station, shape.panels))
     return marks
-
-
-def deepest_point(shape: CupShape) -> Float[ndarray, "3"]:
-    """The cup's point farthest from the chest, the bust point where nobody marked it."""
-    edges = shape.edges.detach().cpu().double()
-    share = torch.linspace(0, 1, 33, dtype=edges.dtype)[:, None, None]
-    points = torch.cat([(1 - share) * a + share * b for a, b in pairwise(edges)]).reshape(-1, 3)
-    return points[points[:, 2].argmax()].numpy()
 
 
 def _tensor(point: Float[ndarray, "3"]) -> torch.Tensor:

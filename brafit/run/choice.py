@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from brafit.fitting import CupFit, Target
+from brafit.fitting import CupFit
 from brafit.fitting.objective import APEX, CLOSEST
 from brafit.remarks import Remark
 from brafit.run.likeness import seam_blamed
@@ -16,8 +14,6 @@ from brafit.run.recipe import FEWEST, MOST, Recipe
 
 Fitter = Callable[[Recipe, Sequence[int], str], list[CupFit]]
 """Fits some scans, by their places in the batch, with a recipe; the text says what for."""
-TOP = 0.005
-"""Share of a scan's points, those farthest from the chest, whose middle stands for a bust point that nobody marked."""
 
 
 def chosen(recipe: Recipe, count: int, fit: Fitter) -> list[CupFit]:
@@ -127,11 +123,3 @@ def _price(own: CupFit, other: CupFit) -> CupFit:
         seconds=own.seconds + other.seconds,
         choice={**own.choice, "seam": words, "seam_price": numbers if other.code.is_cup else {"rms_mm": through}},
     )
-
-
-def with_bust_point(target: Target) -> Target:
-    """The target with a bust point: its own, or the middle of the points farthest from the chest."""
-    if target.apex is not None:
-        return target
-    order = np.argsort(target.points[:, 2])
-    return replace(target, apex=target.points[order[-max(1, round(TOP * len(order))) :]].mean(axis=0))

@@ -13,14 +13,14 @@ from brafit.fitting.certainty import Alternatives, shapes_of
 from brafit.fitting.objective import APEX
 from brafit.fitting.result import Survey
 from brafit.fitting.solver import Callback
-from brafit.pattern import Side, deepest_point
+from brafit.pattern import Side
 from brafit.pattern.cloth import cloth_words
 from brafit.remarks import Remark
 from brafit.report.dimensions import surveys
 from brafit.report.measures import Cups
 from brafit.report.uncovered import uncovered_share
 from brafit.result import Result
-from brafit.run.choice import chosen, with_bust_point
+from brafit.run.choice import chosen
 from brafit.run.course import Course
 from brafit.run.likeness import judged
 from brafit.run.recipe import Recipe
@@ -28,6 +28,8 @@ from brafit.scan import Scan
 from brafit.scan.middle import middle_of
 from brafit.surface import point_weights
 
+GUESS = "the scan's point farthest from the wire's plane"
+"""What stands for a bust point that nobody marked, in words."""
 SURVEYED = 8
 """Fits that are surveyed at once: more take no less time, but more memory."""
 
@@ -62,19 +64,20 @@ def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callback | None = No
     """
     scans = [middle_of(scan, _thickness(recipe)) for scan in scans]
     targets, course = [target_of(scan) for scan in scans], Course(callback)
-    guessed = [recipe.condition.seam == APEX and target.apex is None for target in targets]
-    if any(guessed):
-        targets = [with_bust_point(target) for target in targets]
+    guessed = [target.apex is None for target in targets]
+    if recipe.condition.seam == APEX:
+        targets = [replace(target, apex=target.bust_point) for target in targets]
 
     def some(own: Recipe, places: Sequence[int], name: str) -> list[CupFit]:
         fits = own.fit([targets[k] for k in places], course.of(places, name))
         return [judged(fit, scans[k]) for fit, k in zip(fits, places, strict=True)]
 
     fits = chosen(recipe, len(scans), some)
-    words = "no bust point is marked: the seam runs through the scan's point farthest from the chest"
+    words = f"no bust point is marked: it is taken to be {GUESS}"
+    remedy = "mark it (landmarks.apex) where that is another"
     found = []
     for fit, scan, guess in zip(fits, scans, guessed, strict=True):
-        notes = (*fit.notes, Remark("bust_point_guessed", words, fit.name)) if guess else fit.notes
+        notes = (*fit.notes, Remark("bust_point_guessed", words, fit.name, remedy)) if guess else fit.notes
         found.append(replace(fit, notes=notes, uncovered_share=uncovered_share(fit.shape, scan.dense)))
     return found
 
@@ -108,9 +111,7 @@ def _surveys(recipe: Recipe, scans: Sequence[Scan], fits: Sequence[CupFit]) -> l
     several = [fit.alternatives for fit in fits if isinstance(fit.alternatives, Alternatives)]
     if several:
         cups = cups.beside(Cups.varied(*shapes_of(several)))
-    apexes = [
-        deepest_point(fit.shape) if scan.apex is None else scan.apex for scan, fit in zip(scans, fits, strict=True)
-    ]
+    apexes = [_unweighted(scan).bust_point for scan in scans]
     straps = [scan.strap_point for scan in scans if scan.strap_point is not None]
     return surveys(cups, np.stack(apexes), np.stack(straps) if straps else None, recipe.pattern.report)
 
@@ -130,7 +131,7 @@ def result_of(recipe: Recipe, scan: Scan, fit: CupFit) -> Result:
         "side": f"{scan.origin.marks} ({scan.side})",
         "neckline": "none: only the points say where the cup ends" if scan.neckline is None else scan.origin.neckline,
         "strap point": "none" if scan.strap_point is None else scan.origin.marks,
-        "apex": "not given: the cup's point farthest from the chest" if scan.apex is None else scan.origin.marks,
+        "apex": f"not given: {GUESS}" if scan.apex is None else scan.origin.marks,
     }
     words = cloth_words(recipe.pattern)
     if thickness := _thickness(recipe):
@@ -160,5 +161,6 @@ def scan_facts(scan: Scan, fit: CupFit) -> dict[str, Any]:
             "neckline_points": 0 if scan.neckline is None else len(scan.neckline),
             "strap_point": scan.strap_point,
             "apex": scan.apex,
+            "bust_point": _unweighted(scan).bust_point,
         },
     }

@@ -176,6 +176,7 @@ def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell:
     extra = _provenance(recipe, ref.path)
     if recipe.pattern.nest:  # before fit.json, which says that all is there
         write_bytes(nest_file(out, loaded.name), pickle.dumps(result.patterns()))
+    (out / loaded.name).mkdir(parents=True, exist_ok=True)  # its errors are told with the run's folder
     result.save(out / loaded.name, extra | {"position": ref.positions[k], "key": key})
     return Done(
         ref.positions[k],

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from brafit.anatomy.confidence import Confidence
 from brafit.cloud.read import Cloud
-from brafit.errors import InputError
+from brafit.errors import InputError, WrongWayError
 from brafit.landmarks.cup_frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end, runs_backwards
 from brafit.landmarks.file import Landmarks
 from brafit.landmarks.plausibility import check_scan
@@ -114,7 +114,13 @@ def frame_of(cloud: Cloud, marks: Landmarks) -> CupFrame:
     """
     line = _line(marks)
     _check_outer_end(line, marks)
-    return frame_from_wire(line, marks.side, _front(cloud, marks), marks.path)
+    try:
+        return frame_from_wire(line, marks.side, _front(cloud, marks), marks.path)
+    except WrongWayError as error:
+        if marks.upper_line is None or {"strap_point", "wire_bottom"} & marks.points.keys():
+            raise
+        remedy = f"{error.remedy}, or exchange wire and upper_line, if each stands in the other's place"
+        raise WrongWayError(error.file, error.cause, remedy) from None
 
 
 def inner_end_first(marked: Marked, marks: Landmarks) -> tuple[Landmarks, bool]:

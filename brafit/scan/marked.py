@@ -15,7 +15,17 @@ from brafit.cloud.read import Cloud
 from brafit.errors import InputError
 from brafit.geometry.polyline import polyline_length
 from brafit.landmarks.file import Landmarks, read_breasts
-from brafit.landmarks.units import MILLIMETRES, NAMES, Units, body_unit, cloud_unit, wire_unit
+from brafit.landmarks.units import (
+    MILLIMETRES,
+    NAMES,
+    WIRE_POSSIBLE,
+    WIRE_USUAL,
+    Units,
+    body_unit,
+    cloud_unit,
+    unit_of,
+    wire_unit,
+)
 from brafit.surface.symmetry import SYMMETRIC, Mirror, mirror_of
 
 SIDES_APART = 30.0
@@ -101,8 +111,8 @@ class Marked:
 
     def _mirrored(self, marks: Landmarks, side: str) -> Landmarks:
         if not self.whole.is_torso:
-            cause = f"side={side}: it marks the {marks.side} breast, and the cloud is no whole torso"
-            remedy = f"Set scan.side={marks.side}, or scan.side=null for what each file marks"
+            cause = f"it marks the {marks.side} breast only, and the cloud is no whole torso: it has no {side} breast"
+            remedy = f"Leave scan.side out, and the {marks.side} breast is fitted, as the file marks it"
             raise InputError(marks.path, cause, remedy)
         flipped = marks.mapped(self.whole.mirror, side=side)
         if fault := self._mirror_fault(marks, flipped):
@@ -173,6 +183,7 @@ def _no_breasts(whole: Whole, found: list[Confidence]) -> InputError:
 
 def _given(raw: Cloud, breasts: list[Landmarks], units: str | None) -> Marked:
     path, declared = breasts[0].path, breasts[0].units
+    _check_said(raw.path, breasts, units)
     unit, found = _marks_unit(raw, breasts, units or declared)
     breasts = [marks.mapped(lambda p: p * MILLIMETRES[unit], units="mm") for marks in breasts]
     placed = np.concatenate([marks.positions() for marks in breasts])
@@ -193,6 +204,29 @@ def _given(raw: Cloud, breasts: list[Landmarks], units: str | None) -> Marked:
     if of_cloud != unit:
         found = "its header" if raw.unit else "how the landmarks lie on the cloud"
     return Marked(_scaled(raw, of_cloud), tuple(breasts), Units(of_cloud, unit, found))
+
+
+def _check_said(cloud: Path, breasts: list[Landmarks], setting: str | None) -> None:
+    """Refuse a unit that was said and makes a wire too long for any, but that is right in another unit.
+
+    Raises:
+        InputError: names the setting or the landmark file, whichever says it.
+    """
+    said = setting or breasts[0].units
+    wire = next((marks.wire for marks in breasts if marks.wire is not None), None)
+    if said is None or wire is None:
+        return
+    length = polyline_length(wire)
+    like = unit_of(length, WIRE_POSSIBLE, WIRE_USUAL)
+    long = length * MILLIMETRES[said]
+    if like is None or long <= WIRE_POSSIBLE[1]:
+        return
+    is_so = f"the wire would be {long:.0f} mm long: it looks like {NAMES[like]}, not {NAMES[said]}"
+    if setting:
+        cause = f"scan.units={said}: {is_so}"
+        raise InputError(cloud, cause, "Take scan.units away, and the units are found; or say the right one")
+    cause = f'units: "{said}", but {is_so}'
+    raise InputError(breasts[0].path, cause, f'Take "units" out, and they are found; or write "{like}"')
 
 
 def _marks_unit(raw: Cloud, breasts: list[Landmarks], said: str | None) -> tuple[str, str]:

@@ -25,9 +25,9 @@ def check_thickness(fits: Sequence[StoredFit]) -> None:
         return
     (usual, most), (other, few) = found[0], found[-1]
     cause = (
-        f"its cup is for material {other} mm thick (pattern.cloth.thickness), like {len(few)} of {len(fits)}, and "
-        f"{len(most)} are for {usual} mm: a cup is the middle of its material, so they lie at different distances from "
-        "the skin, and can be neither compared nor laid on one another"
+        f"its cup was fitted for material {other} mm thick (pattern.cloth.thickness={other}), but {len(most)} of the "
+        f"{len(fits)} cups for {usual} mm: a cup is the middle of its material, so they lie at different distances "
+        "from the skin, and can be neither compared nor laid on one another"
     )
     remedy = "Name folders of one thickness, or fit those scans anew with the other's"
     raise InputError(few[0].folder / "fit.json", cause, remedy)

@@ -21,7 +21,7 @@ from brafit.cup.shape import CupShape
 from brafit.errors import BrafitError, InputError
 from brafit.geometry.development import FlatPanel
 from brafit.naming import on_disk
-from brafit.pattern import Pattern, PatternOptions, deepest_point, finish, marks_on, pieces_from_panels
+from brafit.pattern import Pattern, PatternOptions, finish, marks_on, pieces_from_panels
 from brafit.run.recipe import AUTO, maker_of
 from brafit.run.store import read_fit
 from brafit.settings.entries import made
@@ -47,7 +47,7 @@ class StoredFit:
         settings: of the cup and of the patterns, as JSON.
         figures: the numbers of the scan's row.
         wire_name: the nearest wire sold; empty where none is known.
-        marks: `apex` and `strap_point` in the cup frame, mm, as far as they are known.
+        marks: `bust_point` and `strap_point` in the cup frame, mm, as far as they are known.
         dimensions: part, name, value, unit, standard deviation.
     """
 
@@ -124,7 +124,8 @@ def stored_fit(folder: Path) -> StoredFit | None:
 def _read(folder: Path, content: Mapping[str, Any]) -> StoredFit:
     parameters = [np.asarray(value, float).ravel() for value in content["parameters"].values()]
     wire, settings, given = content["wire"], content["settings"], content.get("landmarks", {})
-    marks = {key: np.asarray(given[key], float) for key in ("apex", "strap_point") if given.get(key) is not None}
+    places = {"bust_point": given.get("bust_point", given.get("apex")), "strap_point": given.get("strap_point")}
+    marks = {key: np.asarray(place, float) for key, place in places.items() if place is not None}
     own = {"cup": _own_panels(settings["cup"], content), "pattern": settings["pattern"]}
     stored = StoredFit(
         folder=folder,
@@ -270,7 +271,7 @@ def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "") ->
     shape = shape_of(fit)
     flat = shape.flat()
     panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
-    apex = fit.marks["apex"] if "apex" in fit.marks else deepest_point(shape)
-    pieces = pieces_from_panels(panels, "left", marks_on(shape, apex, fit.marks.get("strap_point")))
+    marks = marks_on(shape, fit.marks.get("bust_point"), fit.marks.get("strap_point"))
+    pieces = pieces_from_panels(panels, "left", marks)
     options = replace(options_of(fit), size=size, pair=pair)
     return finish(pieces, options, name=name, side="left", date="", figures=dict(fit.figures))

@@ -110,6 +110,9 @@ def test_settings_are_the_commands() -> None:
         brafit.fit(np.zeros((20, 3)), wire=WIRE, settings=["cup.pannels=3"])
     with pytest.raises(ConfigError, match=r"pattern\.allowance\.wire=-1.*: must be"):
         brafit.fit(np.ones((20, 3)), wire=WIRE, settings=["pattern.allowance.wire=-1"])
+    for wrong in ({"cup.panels": 3}, [("cup.panels", 3)], 3):
+        with pytest.raises(ConfigError, match=r"settings: must be a list of key=value, such as \["):
+            brafit.fit(np.ones((20, 3)), wire=WIRE, settings=wrong)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize(
@@ -128,7 +131,19 @@ def test_settings_are_the_commands() -> None:
             "left",
             r"wire: \d\.\d+ mm long.*Give points and marks in mill.*scan\.units=in",
         ),
-        (BALL + np.array((0, 0, 500)), WIRE, "left", r"landmarks: wire: nowhere near the cloud, \d{3} mm away from it"),
+        (
+            BALL + np.array((0, 0, 500)),
+            WIRE,
+            "left",
+            r"landmarks: wire: nowhere near the cloud, \d{3} mm away from it\. Give points and marks in one frame",
+        ),
+        (
+            BALL / 1000,
+            WIRE,
+            "left",
+            r"points: the whole cloud is only 0\.\d+ mm across, its wire is 2\d\d mm long\. "
+            r"Give points and marks in one frame and one unit\.$",
+        ),
         (BALL, WIRE, "right", "runs the wrong way round.*give brafit.fit the scan"),
     ],
 )
@@ -136,6 +151,12 @@ def test_wrong_arrays_are_refused_in_one_line(points, wire, side: str, words: st
     with pytest.raises(InputError, match=words) as caught:
         brafit.fit(points, wire=wire, side=side)
     assert "\n" not in str(caught.value)
+
+
+def test_a_folder_that_cannot_be_made_is_refused_in_one_line(fitted: Result, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(InputError, match=r"file/out: this folder cannot be made \(Not a dir.*\. Save to"):
+        fitted.save(tmp_path / "file" / "out")
 
 
 def test_inches_are_taken_where_they_are_said() -> None:

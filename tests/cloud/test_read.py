@@ -73,7 +73,9 @@ def test_files_that_are_no_clouds(tmp_path, capfd):
     path.write_text("solid nonsense\n")
     assert message(path, capfd).startswith("cannot be read as a cloud, it is damaged or cut off (")
     (tmp_path / "a.json").write_text("{}")
-    assert message(tmp_path / "a.json", capfd) == (
+    assert message(tmp_path / "a.json", capfd) == "is no cloud, but stands beside one. Name a.ply."
+    (tmp_path / "b.json").write_text("{}")
+    assert message(tmp_path / "b.json", capfd) == (
         f"is not a cloud of a known format ({', '.join(sorted(FORMATS))}). Name a cloud, or export it as .ply."
     )
     assert message(tmp_path, capfd).startswith("is a folder without usable scans.")

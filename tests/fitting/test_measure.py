@@ -138,8 +138,6 @@ def test_the_nearest_ridge_to_the_bust_point():
     assert seam_to_apex(shape, at(60, RADIUS)) == pytest.approx(0, abs=1e-5)
     assert seam_to_apex(shape, at(30, RADIUS + 4)) == pytest.approx(4, rel=1e-5)
     assert seam_to_apex(shape, at(50, RADIUS)) == pytest.approx(2 * RADIUS * math.sin(math.radians(5)), rel=1e-5)
-    # not given: the upper edge's middle, which is farthest from the chest
-    assert seam_to_apex(shape, None) == pytest.approx(2 * RADIUS * math.sin(math.radians(15)), rel=1e-5)
     assert math.isnan(seam_to_apex(lune_cup(1), at(45, RADIUS)))
 
 

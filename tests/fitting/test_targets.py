@@ -36,6 +36,13 @@ def test_stack_pads_with_weight_zero_and_divides_by_the_scale(dtype):
     assert chosen.has_connection.all()
 
 
+def test_a_bust_point_that_nobody_marked_is_the_scans_farthest_point() -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (400, 3))
+    points[:2] = [[7.0, 3.0, 9.0], [5.0, 1.0, 9.5]]
+    np.testing.assert_allclose(Target("one", points, points[:5]).bust_point, [6.0, 2.0, 9.25])
+    np.testing.assert_array_equal(Target("one", points, points[:5], apex=points[3]).bust_point, points[3])
+
+
 def test_thinned_clouds_are_means_of_small_patches():
     """On a sphere: patches of some ten points lie on it but for their sag, cover it all, and all but keep the centre of
     mass, whatever the order in which the points came."""

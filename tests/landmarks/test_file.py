@@ -69,6 +69,37 @@ def test_repeated_wire_points_are_dropped(tmp_path):
             {"landmarks": {"apx": [1, 2, 3]}},
             "landmarks.apex: missing; 'apx' looks like it. Rename 'apx' to 'apex', or remove it.",
         ),
+        (
+            {"landmarks": {"bust_point": [1, 2, 3]}},
+            "landmarks.apex: missing; 'bust_point' looks like it. Rename 'bust_point' to 'apex', or remove it.",
+        ),
+        (
+            {"landmarks": {"Strap": {"x": 1, "y": 2, "z": 3}}},
+            "landmarks.strap_point: missing; 'Strap' looks like it. Rename 'Strap' to 'strap_point', or remove it.",
+        ),
+        (
+            {"upper_line": None, "neckline": [[1, 2, 3], [4, 5, 6], [7, 8, 9]]},
+            "upper_line: missing; 'neckline' looks like it. Rename 'neckline' to 'upper_line', or remove it.",
+        ),
+        (
+            {"landmarks": None, "points": {"apex": [1, 2, 3]}},
+            "landmarks: missing; 'points' looks like it. Rename 'points' to 'landmarks', or remove it.",
+        ),
+        (
+            {"landmarks": {}, "apex": [1, 2, 3]},
+            "landmarks.apex: missing; 'apex' looks like it, but stands in the wrong place. "
+            "Move it into landmarks, as 'apex', or remove it.",
+        ),
+        (
+            {"landmarks": None, "bustApex": [1, 2, 3]},
+            "landmarks.apex: missing; 'bustApex' looks like it, but stands in the wrong place. "
+            "Move it into landmarks, as 'apex', or remove it.",
+        ),
+        (
+            {"wire": None, "landmarks": {"wire": [[1, 2, 3], [4, 5, 6]]}},
+            "wire: missing; 'landmarks.wire' looks like it, but stands in the wrong place. "
+            "Move it to the top level of the file, as 'wire', or remove it.",
+        ),
         ({"side": "links"}, 'side: "links" is neither "left" nor "right". Name the wearer\'s side.'),
         (
             {"units": "feet"},
@@ -101,6 +132,41 @@ def test_repeated_wire_points_are_dropped(tmp_path):
 )
 def test_a_bad_field_is_named(tmp_path, changes, expected):
     assert message(changed(tmp_path, **changes)) == expected
+
+
+def test_a_field_in_the_wrong_place_of_two_breasts(tmp_path):
+    left = {key: value for key, value in cup_frame_landmarks().items() if key != "units"}
+    path, right = tmp_path / "a.json", {**left, "side": "right"}
+    bare = {**right, "landmarks": {}, "apex": [1, 2, 3]}
+    write_landmarks(path, {"breasts": [left, bare]})
+    assert message(path).endswith("Move it into breasts[1].landmarks, as 'apex', or remove it.")
+    write_landmarks(path, {"breasts": [left, {**right, "units": "cm"}]})
+    assert message(path).startswith("units: missing; 'breasts[1].units' looks like it")
+    points = dict(left["landmarks"])
+    apex = points.pop("apex")
+    write_landmarks(path, {"apex": apex, "breasts": [{**left, "landmarks": points}]})
+    assert message(path).startswith("breasts[...].landmarks.apex: missing; 'apex' looks like it")
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [
+        {"bust": 92, "points": 5000, "strap": "elastic", "neckline": "plunge", "bottom": 3.5, "crease": [1, 2, 3]},
+        {"bust_point": [1, 2, 3], "Underwire": [[1, 2, 3], [4, 5, 6]], "apex_left": [1, 2, 3]},
+        {"extra": {"apex": [1, 2, 3]}, "mid_shoulder": [1, 2, 3], "measures": {"bust": 92}, "frame": "x = left"},
+        {"apex": [1, 2, 3], "bust": [1, 2, 3]},
+    ],
+)
+def test_what_people_keep_for_themselves_is_ignored(tmp_path, kept):
+    """Beside a file that has all its fields, and under names that would be a landmark's if they held one."""
+    plain, given = read_landmarks(changed(tmp_path)), read_landmarks(changed(tmp_path, **kept))
+    assert given.points.keys() == plain.points.keys()
+    np.testing.assert_array_equal(given.positions(), plain.positions())
+    numbers = {"bust_point": 92, "strap": "elastic", "points": 5000, "nipple": [1, 2]}
+    bare = read_landmarks(changed(tmp_path, upper_line=None, landmarks=None, neckline="plunge", **numbers))
+    assert (bare.points, bare.upper_line) == ({}, None)
+    twice = changed(tmp_path, landmarks={"apex": [1, 2, 3], "bust_point": [1, 2, 3]})  # not meant for strap_point
+    assert list(read_landmarks(twice).points) == ["apex"]
 
 
 def test_a_file_that_is_no_landmark_file(tmp_path):

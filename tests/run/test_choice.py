@@ -13,11 +13,11 @@ import torch
 import brafit
 from brafit.cup import StripsCup, Wire
 from brafit.errors import ConfigError
-from brafit.fitting import CupFit, ResultCode, Step, Target, fit_targets
+from brafit.fitting import CupFit, ResultCode, Step, fit_targets
 from brafit.fitting import objective as objectives
 from brafit.fitting.lm import LM
 from brafit.fitting.loop import measured_cups, starting_problems
-from brafit.run.choice import chosen, with_bust_point
+from brafit.run.choice import chosen
 from brafit.run.course import Course
 from brafit.run.fitting import fitted, result_of, target_of
 from brafit.run.recipe import Recipe, recipe_of
@@ -176,15 +176,34 @@ def test_the_stronger_the_pull_the_nearer_the_seam_and_the_farther_the_points(sc
         assert sizes == sorted(sizes)
 
 
-def test_a_bust_point_that_nobody_marked_is_the_scans_farthest_point() -> None:
-    points = np.random.default_rng(0).uniform(-1, 1, (400, 3))
-    points[:2] = [[7.0, 3.0, 9.0], [5.0, 1.0, 9.5]]
-    unmarked = Target("one", points, points[:5])
-    apex = with_bust_point(unmarked).apex
-    assert apex is not None
-    assert np.allclose(apex, [6.0, 2.0, 9.25])
-    marked = replace(unmarked, apex=points[3])
-    assert with_bust_point(marked) is marked
+def test_an_unmarked_bust_point_is_the_scans_farthest_point_and_is_said_so(scans: list[Scan]) -> None:
+    """Not the cup's, which always lies on an edge: no seam runs through it but by chance."""
+    unmarked = [replace(scan, apex=None) for scan in scans]
+    recipe = recipe_of(QUICK)
+    for scan, bare, found in zip(scans, unmarked, fitted(recipe, unmarked), strict=True):
+        assert [note.code for note in found.notes] == ["bust_point_guessed"]
+        result = result_of(recipe, bare, found)
+        assert scan.apex is not None
+        assert np.linalg.norm(result.apex - scan.apex) < 10
+        assert abs(result.apex[2] - scan.points[:, 2].max()) < 1
+        edge = found.shape.edges[1].numpy()
+        away = np.linalg.norm(edge - result.apex, axis=1).min()
+        assert found.figures["seam_to_apex_mm"] == pytest.approx(away, abs=0.1)
+        assert away > 1
+        assert "bust_point_guessed" in result.facts["note_codes"]
+        assert str(found.notes[0]).endswith("; mark it (landmarks.apex) where that is another")
+
+
+def test_a_cup_of_one_panel_says_that_it_takes_two(scans: list[Scan]) -> None:
+    (found,) = fitted(recipe_of([*QUICK, "cup.panels=1"]), scans[1:2])
+    assert found.code is ResultCode.UNRESOLVED
+    assert found.reason.endswith("set cup.panels to 2 or more")
+    assert "starts" not in found.reason
+
+
+def test_a_marked_bust_point_is_no_guess(scans: list[Scan], fit: CupFit) -> None:
+    assert "bust_point_guessed" not in [note.code for note in fit.notes]
+    np.testing.assert_array_equal(result_of(recipe_of(QUICK), scans[0], fit).apex, scans[0].apex)
 
 
 def test_a_seam_through_an_unmarked_bust_point_is_said(scans: list[Scan]) -> None:

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import json
+import re
+
 import numpy as np
 import pytest
 from breasts import (
@@ -317,8 +320,40 @@ def test_the_same_for_doubled_and_shuffled_points(tmp_path):
 
 def test_a_side_that_is_not_marked_needs_a_torso(tmp_path):
     path = write_breast(tmp_path)
-    with pytest.raises(InputError, match=r"side=right: it marks the left breast, and the cloud is no whole torso\. "):
+    with pytest.raises(InputError, match=r"marks the left breast only, and .* no whole torso: it has no right breast"):
         load_scan(path, side="right")
+
+
+@pytest.mark.parametrize(("said", "long"), [("cm", 2042), ("in", 5188), ("m", 204200)])
+def test_a_unit_that_is_not_the_data_s_is_called_that(tmp_path, said: str, long: int):
+    """The one who says it is named: the landmark file, or the setting."""
+    path = write_breast(tmp_path)
+    words = rf"breast\.ply: scan\.units={said}: the wire would be .*Take scan\.units away"
+    with pytest.raises(InputError, match=words) as error:
+        load_scan(path, units=said)
+    assert abs(float(re.findall(r"be (\d+) mm", str(error.value))[0]) - long) < 0.01 * long
+    marks = json.loads(path.with_suffix(".json").read_text())
+    write_landmarks(path.with_suffix(".json"), {**marks, "units": said})
+    words = rf'breast\.json: units: "{said}", but the wire .* it looks like millimetres, not .*Take "units" out'
+    with pytest.raises(InputError, match=words):
+        load_scan(path)
+    write_landmarks(path.with_suffix(".json"), {**marks, "units": None})
+    load_scan(path)
+
+
+@pytest.mark.parametrize("left_out", [("strap_point",), ("wire_bottom",), ()])
+def test_wire_and_upper_line_that_are_swapped_are_called_that(tmp_path, left_out):
+    path = write_breast(tmp_path)
+    marks = json.loads(path.with_suffix(".json").read_text())
+    points = {name: place for name, place in marks["landmarks"].items() if name not in left_out}
+    other = {"wire": marks["upper_line"], "upper_line": marks["wire"], "landmarks": points}
+    write_landmarks(path.with_suffix(".json"), marks | other)
+    with pytest.raises(InputError, match=r"breast\.json: wire and upper_line seem to be swapped: landmarks\."):
+        load_scan(path)
+    ends = {name: points[name] for name in ("inner_end", "outer_end")}
+    write_landmarks(path.with_suffix(".json"), marks | other | {"landmarks": ends})
+    with pytest.raises(InputError, match=r"The side is probably wrong: .*, or exchange wire and upper_line, if each"):
+        load_scan(path)
 
 
 def test_a_mesh_that_is_mostly_floor_is_called_that(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import brafit
 from brafit.cli import nest, sizes
 from brafit.report.dimensions import PANELS_AREA
 from brafit.samples import sample_paths
+from brafit.scan import load_scan
 from brafit.sizing.service import NEAR
 from brafit.sizing.stored import fit_names, pattern_of, shape_of, stored_fit
 
@@ -127,8 +129,8 @@ def test_cups_of_other_thickness_are_refused(population, tmp_path: Path, capsys)
         for_cloth(results / name, thickness=5.0)
     assert run(sizes, results, "--sizes", 3, "--out", tmp_path / "out") == 2
     said = capsys.readouterr().err
-    assert f"{names[3]}/fit.json: its cup is for material 5 mm thick" in said
-    assert "like 2 of 15, and 13 are for 0 mm" in said
+    assert f"{names[3]}/fit.json: its cup was fitted for material 5 mm thick" in said
+    assert "but 13 of the 15 cups for 0 mm" in said
     assert run(sizes, *(results / name for name in names[3:5]), "--sizes", 2, "--out", tmp_path / "out") == 0
 
 
@@ -137,7 +139,7 @@ def test_cups_of_other_thickness_are_not_nested_but_lie_side_by_side(population,
     shutil.copytree(population[0], results)
     for_cloth(min(results.iterdir()), thickness=5.0)
     assert run(nest, results, "--out", tmp_path / "out") == 2
-    assert "like 1 of 15, and 14 are for 0 mm" in capsys.readouterr().err
+    assert "but 14 of the 15 cups for 0 mm" in capsys.readouterr().err
     assert not (tmp_path / "out" / "patterns.svg").exists()
     assert run(nest, results, "--out", tmp_path / "out", "--align", "none") == 0
     said = capsys.readouterr().err
@@ -236,8 +238,11 @@ def test_a_right_cup_is_drawn_as_a_left_one(tmp_path: Path):
         np.testing.assert_allclose(one.cut_outline(), other.cut_outline())
 
 
-def test_a_real_fit_is_made_again_to_the_last_thousandth(tmp_path: Path):
-    result = brafit.fit(sample_paths()[0], settings=["scan.points=200", "pattern.report=false", "pattern.meshes=[]"])
+@pytest.mark.parametrize("marked", [True, False])
+def test_a_real_fit_is_made_again_to_the_last_thousandth(tmp_path: Path, marked: bool):
+    scan = load_scan(sample_paths()[0], points=200)
+    scan = scan if marked else replace(scan, apex=None)
+    result = brafit.fit(scan, settings=["pattern.report=false", "pattern.meshes=[]"])
     result.save(tmp_path / "scan")
     stored = stored_fit(tmp_path / "scan")
     assert stored is not None
@@ -246,3 +251,6 @@ def test_a_real_fit_is_made_again_to_the_last_thousandth(tmp_path: Path):
         for line, before in zip(piece.sew, own.sew, strict=True):
             assert line.length == pytest.approx(before.length, abs=1e-3)
         assert {notch.name for notch in piece.notches} == {notch.name for notch in own.notches}
+        assert [hole.name for hole in piece.holes] == [hole.name for hole in own.holes]
+        for hole, before in zip(piece.holes, own.holes, strict=True):
+            np.testing.assert_allclose(hole.point, before.point, atol=1e-3)
