@@ -25,7 +25,7 @@ from brafit.samples import sample_paths
 PLACES = ("points", "wire", "neckline", "strap_point", "apex")
 STEPS = (1e-4, 0.1, 0.5)
 """Changes of data in mm (root mean square), and of weights in parts of 1 times WEIGHT."""
-WEIGHT = 0.1
+WEIGHT = 1.0
 MEASURES = ("lengths", "pieces", "parameters")
 
 
