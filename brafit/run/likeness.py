@@ -140,11 +140,12 @@ def seam_blamed(warnings: Sequence[Remark], closest: Sequence[Remark]) -> tuple[
 def judged(fit: CupFit, scan: Scan) -> CupFit:
     """The fit with warnings for what is unusual; unlike, if a measure is beyond what a breast's cup can have.
 
-    A fit that failed by itself stays as it is.
+    A fit that failed by itself stays as it is; one whose cup is not regular says first if its points are no breast's.
     """
     if not fit.code.is_cup:
-        return fit
-    length, faults, warnings = polyline_length(scan.wire), list[Remark](), list[Remark]()
+        faults = _judged(fit, scan)[1] if fit.code is ResultCode.UNRESOLVED else []
+        return replace(fit, reason=f"{_unlike(faults)}. {fit.reason}") if faults else fit
+    warnings = list[Remark]()
     if scan.confidence is not None:
         fit = replace(fit, figures=fit.figures | {"landmark_confidence": scan.confidence.value})
         doubts = warning(scan.confidence, scan.origin.marks)
@@ -153,14 +154,24 @@ def judged(fit: CupFit, scan: Scan) -> CupFit:
         told, far = chosen_wire(size_laid(scan.origin.wire), scan.own_wire)
         words = f"{told}: take that (scan.wire), or check the wire line with brafit-inspect"
         warnings += [Remark("chosen_wire_far", words)] if far else []
+    unusual, faults = _judged(fit, scan)
+    if faults:
+        fit = replace(fit, code=ResultCode.UNLIKE, reason=_unlike(faults))
+    return replace(fit, warnings=(*fit.warnings, *warnings, *unusual))
+
+
+def _judged(fit: CupFit, scan: Scan) -> tuple[list[Remark], list[Remark]]:
+    """What is unusual about a cup's measures, and what no breast's cup has."""
+    length, unusual, faults = polyline_length(scan.wire), list[Remark](), list[Remark]()
     for key, value in measures(fit, scan).items():
         bound = BOUNDS[key]
         scale = 1.0 if key == "wire" else length
         cause = bound.cause(f"{100 * value:.0f} %" if key in _SHARES else f"{scale * value:.1f} mm")
         if not bound.is_usual(value):
-            beyond = warnings if bound.is_possible(value) else faults
+            beyond = unusual if bound.is_possible(value) else faults
             beyond.append(Remark(code_of(key), cause, remedy=bound.remedy))
-    if faults:
-        reason = f"{ResultCode.UNLIKE.value}: {'. '.join(map(str, faults))}"
-        fit = replace(fit, code=ResultCode.UNLIKE, reason=reason)
-    return replace(fit, warnings=(*fit.warnings, *warnings))
+    return unusual, faults
+
+
+def _unlike(faults: Sequence[Remark]) -> str:
+    return f"{ResultCode.UNLIKE.value}: {'. '.join(map(str, faults))}"

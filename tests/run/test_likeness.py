@@ -102,6 +102,15 @@ def test_a_failed_fit_keeps_its_own_reason(fit: CupFit, scan: Scan) -> None:
     assert judged(failed, scan) is failed
 
 
+def test_a_cup_that_is_not_regular_says_first_that_its_points_are_no_breast(fit: CupFit, scan: Scan) -> None:
+    bent = replace(fit, code=ResultCode.UNRESOLVED, reason="not a cup of developable panels: the margin is 0.1")
+    assert judged(bent, scan) is bent
+    told = judged(replace(bent, figures=fit.figures | {"rms_mm": 40.0}), scan)
+    assert told.code is ResultCode.UNRESOLVED
+    assert told.reason.startswith("no likeness of the points: ")
+    assert told.reason.endswith(". not a cup of developable panels: the margin is 0.1")
+
+
 def test_points_on_a_box_are_refused() -> None:
     random = np.random.default_rng(0)
     points = random.uniform(0, 1, (3000, 3))
