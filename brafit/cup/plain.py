@@ -7,7 +7,6 @@ its surface over the wire's plane, which no noise and no choice of points moves.
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import NamedTuple
 
 import torch
@@ -77,7 +76,6 @@ def term_counts(terms: int) -> Float[Tensor, " terms"]:
     return (1 + (order / ORDER) ** 6).sqrt()
 
 
-@cache
 def lines(panels: int, terms: int) -> dict[str, tuple[Float[Tensor, "panels terms"], Float[Tensor, "panels terms"]]]:
     """For the series `rib` and `length` of all panels: the coefficients at HEIGHT, and their change with the height."""
     result = {}

@@ -109,9 +109,14 @@ def check_writers(formats: Iterable[object]) -> None:
         if isinstance(entry, PatternWriter):
             seen |= check_files("pattern.formats", entry, seen)
         elif not (isinstance(entry, str) and entry in WRITERS):
-            what = entry if isinstance(entry, str | int | float) else getattr(entry, "__name__", type(entry).__name__)
-            own = "{_target_: MODULE.CLASS}, a brafit.pattern.PatternWriter"
-            raise ConfigError(f"pattern.formats={what}: must be a list of {', '.join(WRITERS)}, {own}")
+            raise no_writer("pattern.formats", entry, WRITERS, "brafit.pattern.PatternWriter")
+
+
+def no_writer(setting: str, entry: object, names: Iterable[str], kind: str) -> ConfigError:
+    """What to raise for an entry of a setting that is neither one of brafit's own writers nor another of that kind."""
+    what = entry if isinstance(entry, str | int | float) else getattr(entry, "__name__", type(entry).__name__)
+    own = f"{{_target_: MODULE.CLASS}}, a {kind}"
+    return ConfigError(f"{setting}={what}: must be a list of {', '.join(names)}, {own}")
 
 
 def check_files(setting: str, writer: Writer, seen: Collection[str]) -> set[str]:

@@ -14,7 +14,7 @@ from numpy import ndarray
 from brafit.cup.shape import CupShape
 from brafit.errors import ConfigError
 from brafit.pattern import Pattern, PatternWriter, Piece
-from brafit.pattern.writers import OTHER_FILES, check_files, written
+from brafit.pattern.writers import OTHER_FILES, check_files, no_writer, written
 from brafit.pattern.writers import WRITERS as PATTERN_WRITERS
 from brafit.report.mesh import (
     PanelMesh,
@@ -127,9 +127,7 @@ def check_cup_writers(meshes: Iterable[object], formats: Iterable[str | PatternW
         if isinstance(entry, CupWriter):
             seen |= check_files("pattern.meshes", entry, seen)
         elif not (isinstance(entry, str) and entry in WRITERS):
-            what = entry if isinstance(entry, str | int | float) else getattr(entry, "__name__", type(entry).__name__)
-            own = "{_target_: MODULE.CLASS}, a brafit.report.cup_writers.CupWriter"
-            raise ConfigError(f"pattern.meshes={what}: must be a list of {', '.join(WRITERS)}, {own}")
+            raise no_writer("pattern.meshes", entry, WRITERS, "brafit.report.cup_writers.CupWriter")
 
 
 def write_cup(folder: Path, cup: FormedCup, meshes: Iterable[str | CupWriter]) -> list[Path]:
