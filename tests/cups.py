@@ -45,13 +45,37 @@ def cloud(count: int, seed: int = 0) -> Tensor:
     return radius * direction + torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
 
 
+SERIES = {
+    "first": {"rib": (0.0, 0.2, 0.0), "length": (-0.1, 0.08)},
+    "middle": {"rib": (-0.0, -0.3, 0.0), "length": (-0.2, 0.05)},
+    "last": {"rib": (0.08, -1.6, 0.08), "length": (0.0, 0.05)},
+}
+"""Coefficients of the series, of lengths from order 1 on: no test depends on what cups are drawn to."""
+
+
+def fixed(cup: StripsCup) -> StripsCup:
+    """A cup that has started, with the series of SERIES; the middle of each panel stays where it is."""
+    with torch.no_grad():
+        for i in range(cup.panels):
+            own = SERIES["last" if i == cup.panels - 1 else "first" if i == 0 else "middle"]
+            length = cup.length[:, i]
+            middle = length[:, 0] - (length[:, 2] if cup.terms > 2 else 0) + (length[:, 4] if cup.terms > 4 else 0)
+            cup.rib[:, i], length[:, 1:] = 0.0, 0.0
+            for k, value in enumerate(own["rib"][: cup.terms]):
+                cup.rib[:, i, k] = value
+            for k, value in enumerate(own["length"][: cup.terms - 1], 1):
+                length[:, k] = value
+            length[:, 0] = middle + (length[:, 2] if cup.terms > 2 else 0)
+    return cup
+
+
 def plain_strips(batch: int = 1, panels: int = 2, terms: int = 5) -> StripsCup:
     """Cups at a plain start, on a wire that is not planar."""
     wire = Wire.from_omega((0.15, 0.9, 0.1), math.pi)
     cup = StripsCup(wire.select(torch.zeros(batch, dtype=torch.long)), panels, terms, nodes=40)
     share = torch.arange(1, panels + 1, dtype=torch.float64) / panels
     cup.start((share * math.pi / 2).expand(batch, -1), torch.ones(batch, panels, dtype=torch.float64))
-    return cup
+    return fixed(cup)
 
 
 def varied(cup: Cup, amount: float = 0.05) -> Tensor:

@@ -61,7 +61,7 @@ def test_creases_and_bends_are_what_differences_of_the_gradient_show():
         seen = (there - back) @ change / 4 / stiff - 1
         bent = bends(other, flat, PRESSURE, linear, change[None, :, None])[0, :, 0] @ change / stiff
         leaping = change @ crease @ change / stiff
-        assert leaping < -0.15
+        assert leaping < -0.19
         assert bent > 0.2
         torch.testing.assert_close(leaping + bent, seen, rtol=0, atol=0.15)
 
