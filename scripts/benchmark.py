@@ -30,11 +30,12 @@ from rescans import write_rescans
 from scipy.optimize import least_squares
 from torch import Tensor
 
+from brafit.cli.fit import cores
 from brafit.cup import CupShape, FramesCup, StripsCup, Wire
 from brafit.fitting import LM, Conditions, LMStage, NelderMead, Target, fit_targets
 from brafit.fitting.lm import minimise, staged
-from brafit.fitting.loop import certainty, measured_cups, starting_problems, winners
-from brafit.fitting.measure import in_millimetres, upper_edge_gap
+from brafit.fitting.loop import finished, starting_problems, winners
+from brafit.fitting.measure import in_millimetres, measured_cups, upper_edge_gap
 from brafit.fitting.objective import Objective, Pressure
 from brafit.fitting.targets import Targets
 from brafit.run.fitting import target_of
@@ -442,11 +443,8 @@ def fit_in_parts(targets: list[Target], dtype: torch.dtype, device: torch.device
     with clock.part("solve"):
         solution = solver.solve(objective, objective.cup.flatten().detach(), None)
     with clock.part("measurement"):
-        won = winners(objective, solution, wires)
-        measured = measured_cups(won.cup, targets)
-    with clock.part("certainty"):
-        certainty(won, conditions)
-    return np.array([one.figures["rms_mm"] for one in measured]), clock
+        fits = finished(winners(objective, solution, targets, wires), cup, conditions, cores())
+    return np.array([fit.figures["rms_mm"] for fit in fits]), clock
 
 
 def rescans(whole: list[Target], count: int, points: int) -> list[Target]:
@@ -461,7 +459,7 @@ def rescans(whole: list[Target], count: int, points: int) -> list[Target]:
 
 def report_gpu(whole: list[Target], counts: Sequence[int], points: int) -> None:
     """Throughput of batches of growing size in both precisions, the share of each part, and RMS against the CPU's in
-    double precision, on a few of the scans.
+    double precision, on a few of the scans. Measuring is done on the processor's cores.
     """
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     if device.type == "cpu":
@@ -474,13 +472,32 @@ def report_gpu(whole: list[Target], counts: Sequence[int], points: int) -> None:
         if device.type == "cuda":
             fit_in_parts(some, dtype, device)  # the first call loads kernels
         for count in counts:
+            if device.type == "cuda":
+                torch.cuda.reset_peak_memory_stats(device)
             rms, clock = fit_in_parts(targets[:count], dtype, device)
+            held = f" {torch.cuda.max_memory_allocated(device) / 2**30:.1f} GiB;" if device.type == "cuda" else ""
             total = sum(clock.seconds.values())
             shares = ", ".join(f"{name} {seconds / total:.0%}" for name, seconds in clock.seconds.items())
             off = np.abs(rms[: len(known)] - known).max()
             print(
                 f"{count} scans of {points} points, {device.type}, {str(dtype).removeprefix('torch.')}:"
-                f" {count / total:.1f} scans/s ({shares}); RMS off the CPU's in float64 by at most {off:.4f} mm",
+                f" {count / total:.1f} scans/s ({shares});{held} RMS off the CPU's in float64 by at most {off:.1g} mm",
+                flush=True,
+            )
+
+
+def report_gpu_run(folder: str, rescans: int = 1024) -> None:
+    """The command on many scans, lean, with a GPU and with the processor's cores alone."""
+    if not torch.cuda.is_available():
+        return
+    with tempfile.TemporaryDirectory() as work:
+        write_rescans(Path(folder).resolve(), Path(work), rescans)
+        for name in ("cuda", "cpu"):
+            more = ["device=cuda", "batch=1024"] if name == "cuda" else []
+            wall, cpu = whole_run(Path(work), "experiment=lean", *more)
+            print(
+                f"the command, {rescans} scans, lean, device={name}, {cores()} cores: {rescans / wall:.1f} scans/s,"
+                f" {cpu / rescans:.3f} CPU s a scan",
                 flush=True,
             )
 
@@ -552,6 +569,7 @@ def main() -> None:
     torch.set_num_threads(1)
     if options.gpu:
         report_gpu(breasts(options.folder, 10**9), BATCHES, POINTS)
+        report_gpu_run(options.folder)
         return
     for name, report in PARTS.items():
         if name in wanted:

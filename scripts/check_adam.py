@@ -12,7 +12,7 @@ from pathlib import Path
 
 import brafit
 from brafit.cup import FramesCup
-from brafit.fitting.loop import measured_cups
+from brafit.fitting.measure import measured_cups
 from brafit.samples import sample_paths
 
 LOOP = Path(__file__).parents[1] / "examples" / "adam_loop.py"

@@ -24,7 +24,7 @@ from torch import Tensor
 from brafit.cup import CupShape, FramesCup, Wire
 from brafit.fitting import Anneal, Conditions, NelderMead, Solver, Target
 from brafit.fitting.lm import LM
-from brafit.fitting.loop import in_millimetres
+from brafit.fitting.measure import in_millimetres
 from brafit.fitting.objective import Objective
 from brafit.fitting.targets import Targets
 from brafit.geometry.developable import twist_determinant

@@ -182,7 +182,7 @@ class DifferentiableFit:
             objective.cup.load_flat(near.parameters.detach())
             return objective, near.pressure
         solution = self.solver.solve(objective, objective.cup.flatten().detach(), None)
-        won = winners(objective, solution, wires)
+        won = winners(objective, solution, targets, wires)
         return Objective(won.cup, won.targets, self.condition), won.pressure
 
 

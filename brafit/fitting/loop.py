@@ -1,4 +1,7 @@
-"""The fit of a batch of scans: starts, solver, choice of the best start, measurement."""
+"""The fit of a batch of scans: starts, solver, choice of the best start, measurement.
+
+Solving runs where the fit is asked to; measuring, scan by scan and in double precision, always on the processor.
+"""
 
 from __future__ import annotations
 
@@ -13,22 +16,13 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.utils.rnn import pad_sequence
 
 from brafit.cup.base import Cup
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import Wire
 from brafit.fitting.certainty import Alternative, Alternatives, deviations, outline_spread
 from brafit.fitting.condition import measured_conditions
-from brafit.fitting.measure import (
-    Bend,
-    figures_of,
-    in_millimetres,
-    seam_to_apex,
-    tight_bends,
-    upper_edge_gap,
-    wire_places,
-)
+from brafit.fitting.measure import TWIST_LIMIT, Bend, measured_cups, tight_bends, upper_edge_gap
 from brafit.fitting.neckline import Neckline
 from brafit.fitting.objective import APEX, SEAM_LIMIT, Conditions, Objective, Pressure
 from brafit.fitting.result import ResultCode, Survey
@@ -39,12 +33,8 @@ from brafit.fitting.targets import Target, Targets
 from brafit.geometry.development import FlatPanel
 from brafit.remarks import Remark
 
-TWIST_LIMIT = 0.01
-"""Largest twist, in degrees, of panels that are to be developable."""
 MARGIN_TOLERANCE = 0.005
 """How far the regularity margin may be below its bound."""
-REFINEMENTS = 2
-"""How often the grid of the output is refined where panels twist more."""
 ISOMETRY_LIMIT = 1.0
 """Largest difference of lengths in space and in the pattern, in mm, of anything that is a cup at all."""
 REMEDY = "Try more starts (restarts=6) or another number of panels (cup.panels)"
@@ -58,6 +48,8 @@ TIGHT = 10.0
 """Least radius (mm) of a flat edge without a warning."""
 FAR, FAR_SHARE = 5.0, 0.05
 """A warning is due if more than this share of the points is further than this from the cup, mm."""
+MEASURED = 16
+"""Fits measured at once, where another device solved them."""
 
 
 @dataclass(frozen=True)
@@ -126,47 +118,150 @@ def fit_targets(
         restarts: starts per scan; the one with the lowest objective wins.
         dtype: precision of the fit; results are float64.
         device: of the fit; results are on the CPU.
-        threads: processor cores that share the scans.
+        threads: processor cores that share the scans; with another device, what is measured of their fits.
         callback: told of every step.
 
     Raises:
         ValueError: a target without points or with a wire that is no curve (checked input has neither).
     """
     begun = time.perf_counter()
-    given = {"cup": cup, "solver": solver, "condition": condition, "restarts": restarts, "dtype": dtype}
-    shards = threads if torch.device(device).type == "cpu" else 1
-    fits = in_shards(partial(_fit_together, **given, device=device), targets, shards, callback)
+    solve = partial(solved, cup=cup, solver=solver, condition=condition, restarts=restarts, dtype=dtype, device=device)
+    if torch.device(device).type == "cpu":
+        fits = in_shards(
+            partial(_together, solve=solve, finish=partial(_finished, cup=cup, condition=condition)),
+            targets,
+            threads,
+            callback,
+        )
+    else:
+        fits = finished(solve(targets, callback=callback), cup, condition, threads)
     seconds = (time.perf_counter() - begun) / max(1, len(targets))
     return [replace(fit, seconds=seconds) for fit in fits]
 
 
-def _fit_together(
+def _together(
     targets: Sequence[Target],
     callback: Callback | None,
     *,
+    solve: Callable[..., Winners],
+    finish: Callable[[Winners], list[CupFit]],
+) -> list[CupFit]:
+    """Solved and measured in one process."""
+    return finish(solve(targets, callback=callback))
+
+
+def finished(won: Winners, cup: Callable[[Wire], Cup], condition: Conditions, threads: int = 1) -> list[CupFit]:
+    """The fits of a batch that another device solved, measured on the processor.
+
+    Args:
+        won: where the fits ended.
+        cup: makes the cup model from its wires.
+        condition: what is asked of the cups.
+        threads: processor cores that share them.
+    """
+    work = partial(_in_turn, cup=cup, condition=condition)
+    return [fit for some in in_shards(work, won.parts(MEASURED), threads) for fit in some]
+
+
+def _in_turn(
+    parts: Sequence[Winners], _: Callback | None, *, cup: Callable[[Wire], Cup], condition: Conditions
+) -> list[list[CupFit]]:
+    return [_finished(part, cup=cup, condition=condition) for part in parts]
+
+
+@dataclass(frozen=True)
+class Winners:
+    """The best start of every scan, in double precision on the CPU, whatever the fit computed with.
+
+    Attributes:
+        given: the scans.
+        cup: with the parameters that were found.
+        targets: of the scans.
+        pressure: with the weights that the fits ended with.
+        codes: how the fits ended.
+        steps: evaluations of the objective.
+        told: what the solver has to say about each.
+        seconds: a scan's share of the batch's time.
+    """
+
+    given: Sequence[Target]
+    cup: Cup
+    targets: Targets
+    pressure: Pressure
+    codes: Sequence[ResultCode]
+    steps: Sequence[int]
+    told: Sequence[Sequence[Remark]]
+    seconds: float = 0.0
+
+    def parts(self, size: int) -> list[Winners]:
+        """So many scans at a time."""
+        return [self._of(range(k, min(k + size, len(self.given)))) for k in range(0, len(self.given), size)]
+
+    def _of(self, rows: range) -> Winners:
+        index, some = torch.tensor(rows), slice(rows.start, rows.stop)
+        cup, targets, pressure = (one.select(index) for one in (self.cup, self.targets, self.pressure))
+        lists = {name: getattr(self, name)[some] for name in ("given", "codes", "steps", "told")}
+        return replace(self, cup=cup, targets=targets, pressure=pressure, **lists)
+
+
+def solved(
+    targets: Sequence[Target],
     cup: Callable[[Wire], Cup],
     solver: Solver,
     condition: Conditions,
-    restarts: int,
-    dtype: torch.dtype,
-    device: torch.device | str,
-) -> list[CupFit]:
-    """All scans as one batch."""
+    *,
+    restarts: int = 1,
+    dtype: torch.dtype = torch.float64,
+    device: torch.device | str = "cpu",
+    callback: Callback | None = None,
+) -> Winners:
+    """Where the fits of a batch end, not measured yet. The arguments are those of `fit_targets`."""
+    begun = time.perf_counter()
     wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])
     objective = starting_problems(targets, wires, cup, condition, restarts, dtype, device)
-    solution = solver.solve(objective, objective.cup.flatten().detach(), callback)
-    won = winners(objective, solution, wires)
-    flat, rows = won.cup.flatten().detach(), won.rows
-    named, steps = won.cup.split(flat), solution.iterations.tolist()
+    won = winners(objective, solver.solve(objective, objective.cup.flatten().detach(), callback), targets, wires)
+    return replace(won, seconds=(time.perf_counter() - begun) / max(1, len(targets)))
+
+
+def winners(objective: Objective, solution: Solution, targets: Sequence[Target], wires: Wire) -> Winners:
+    """Those of a solution.
+
+    Args:
+        objective: what was solved.
+        solution: where it ended.
+        targets: the scans.
+        wires: of the scans, in double precision.
+    """
+    best = _best(objective, solution)
+    cup = objective.cup.select(best).on(wires)
+    cup.load_flat(solution.flat[best].to(wires.scale))
+    pressure = solution.pressure.select(best)
+    own = (pressure.barrier, pressure.neckline, pressure.seam)
+    barrier, neckline, seam = (f.to(wires.scale) if isinstance(f, Tensor) else f for f in own)
+    rows, steps = best.tolist(), solution.iterations.tolist()
+    return Winners(
+        given=targets,
+        cup=cup,
+        targets=objective.targets.select(best).to(wires.scale),
+        pressure=Pressure(pressure.penalty, {}, barrier, neckline, seam),
+        codes=[solution.codes[row] for row in rows],
+        steps=[steps[row] for row in rows],
+        told=[solution.warnings[row] if solution.warnings else () for row in rows],
+    )
+
+
+def _finished(won: Winners, *, cup: Callable[[Wire], Cup], condition: Conditions) -> list[CupFit]:
+    """Measured and judged. `cup`: makes the cup model from its wires."""
+    flat = won.cup.flatten().detach()
+    named = won.cup.split(flat)
     changes, spread = certainty(won, condition)
     asked = measured_conditions(condition.extra, won.cup, won.targets)
     results = []
-    for k, (row, target, measured) in enumerate(zip(rows, targets, measured_cups(won.cup, targets), strict=True)):
-        parameters = {name: value[k].tolist() for name, value in named.items()}
+    for k, (target, measured) in enumerate(zip(won.given, measured_cups(won.cup, won.given), strict=True)):
         line = target.smooth_neckline(condition.neckline_wave)
         bends = tight_bends(measured.shape, measured.panels, target.strap_point)
         known = bool(spread[k].isfinite())
-        wire = wires.select(torch.tensor([k]))
+        wire = won.cup.wire.select(torch.tensor([k]))
         alternatives = Alternatives(cup, wire, flat[k], changes[k], len(measured.shape.stations))
         figures = {
             "neckline_smoothing_mm": math.nan if line is None else line.smoothing,
@@ -175,51 +270,21 @@ def _fit_together(
         }
         fit = CupFit(
             name=target.name,
-            code=solution.codes[row],
-            reason=solution.codes[row].value,
+            code=won.codes[k],
+            reason=won.codes[k].value,
             shape=measured.shape,
             panels=measured.panels,
             distances=measured.distances.numpy(),
             figures=measured.figures | figures,
-            parameters=parameters,
-            iterations=steps[row],
-            seconds=0.0,
+            parameters={name: value[k].tolist() for name, value in named.items()},
+            iterations=won.steps[k],
+            seconds=won.seconds,
             alternatives=alternatives if known else (),
             conditions=asked[k],
             wire=wire,
         )
-        told = solution.warnings[row] if solution.warnings else ()
-        results.append(_judged(fit, line, bends, won.cup, condition, told))
+        results.append(_judged(fit, line, bends, won.cup, condition, won.told[k]))
     return results
-
-
-@dataclass(frozen=True)
-class Winners:
-    """The best start of every scan, in double precision on the CPU, whatever the fit computed with.
-
-    Attributes:
-        cup: with the parameters that were found.
-        targets: of the scans.
-        pressure: with the weights that the fits ended with.
-        rows: which problems they are.
-    """
-
-    cup: Cup
-    targets: Targets
-    pressure: Pressure
-    rows: list[int]
-
-
-def winners(objective: Objective, solution: Solution, wires: Wire) -> Winners:
-    """Those of a solution. `wires`: of the scans, in double precision."""
-    best = _best(objective, solution)
-    cup = objective.cup.select(best).on(wires)
-    cup.load_flat(solution.flat[best].to(wires.scale))
-    pressure = solution.pressure.select(best)
-    own = (pressure.barrier, pressure.neckline, pressure.seam)
-    barrier, neckline, seam = (f.to(wires.scale) if isinstance(f, Tensor) else f for f in own)
-    targets = objective.targets.select(best).to(wires.scale)
-    return Winners(cup, targets, Pressure(pressure.penalty, {}, barrier, neckline, seam), best.tolist())
 
 
 def certainty(won: Winners, condition: Conditions) -> tuple[Float[Tensor, "scans count size"], Float[Tensor, " scans"]]:
@@ -345,46 +410,3 @@ def _judged(
         reason = f"{code.value}: {'; '.join(map(str, faults))}. {remedy}"
         return replace(fit, code=code, reason=reason, warnings=(*warnings, *faults))
     return replace(fit, warnings=(*warnings, *faults))
-
-
-@dataclass(frozen=True)
-class Measured:
-    """One cup: shape in mm, flat panels, distances and figures."""
-
-    shape: CupShape
-    panels: list[FlatPanel]
-    distances: Tensor
-    figures: dict[str, float]
-
-
-@torch.no_grad()
-def measured_cups(cup: Cup, targets: Sequence[Target], refinements: int = REFINEMENTS) -> list[Measured]:
-    """The cups of a batch; those whose panels are to be developable and are not yet, on finer grids.
-
-    Args:
-        cup: one cup for each target.
-        targets: the scans.
-        refinements: how often the grid of the output may yet be refined.
-    """
-    wire, flat = cup.wire, cup.flatten()
-    units = cup.shape_of(flat)
-    points = [torch.as_tensor(t.points, dtype=torch.float64) / s for t, s in zip(targets, wire.scale, strict=True)]
-    distances = units.distances(pad_sequence(points, batch_first=True), coarse=cup.sketch(flat))
-    distances = distances * wire.scale[:, None]
-    smooth = wire.sample(wire_places(units.stations))
-    results = []
-    for k, target in enumerate(targets):
-        scale = wire.scale[k].item()
-        shape = in_millimetres(units.map(partial(torch.select, dim=0, index=k)), scale)
-        flat, own = shape.flat(), distances[k, : len(target.points)]
-        neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
-        figures = figures_of(shape, flat, own, neckline, smooth[k] * scale, wire.smoothing[k].item())
-        figures["seam_to_apex_mm"] = seam_to_apex(shape, target.bust_point)
-        panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
-        results.append(Measured(shape, panels, own, figures))
-    twisted = [k for k, one in enumerate(results) if not one.figures["twist_deg_max"] <= TWIST_LIMIT]
-    if cup.developable and twisted and refinements:
-        finer = cup.select(torch.tensor(twisted)).refined()
-        for k, one in zip(twisted, measured_cups(finer, [targets[k] for k in twisted], refinements - 1), strict=True):
-            results[k] = one
-    return results

@@ -5,22 +5,73 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
+from brafit.cup.base import Cup
 from brafit.cup.edge_gaps import gaps_to_points, nearest_on_polyline, polyline_points
 from brafit.cup.names import edge_names, panel_names
 from brafit.cup.shape import CupShape
+from brafit.fitting.targets import Target
 from brafit.geometry.developable import dot, twist_angle
 from brafit.geometry.development import FlatPanel, arc_lengths
 from brafit.geometry.fairness import EdgeCurvature
 from brafit.geometry.grid import sliding_derivative
 
+TWIST_LIMIT = 0.01
+"""Largest twist, in degrees, of panels that are to be developable."""
+REFINEMENTS = 2
+"""How often the grid of the output is refined where panels twist more."""
 _ENDS = 0.02
 """Share of the stations at either end where panels shrink to cusps and a ruling's twist means nothing."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One cup: shape in mm, flat panels, distances and figures."""
+
+    shape: CupShape
+    panels: list[FlatPanel]
+    distances: Tensor
+    figures: dict[str, float]
+
+
+@torch.no_grad()
+def measured_cups(cup: Cup, targets: Sequence[Target], refinements: int = REFINEMENTS) -> list[Measured]:
+    """The cups of a batch; those whose panels are to be developable and are not yet, on finer grids.
+
+    Args:
+        cup: one cup for each target.
+        targets: the scans.
+        refinements: how often the grid of the output may yet be refined.
+    """
+    wire, flat = cup.wire, cup.flatten()
+    units = cup.shape_of(flat)
+    points = [torch.as_tensor(t.points, dtype=torch.float64) / s for t, s in zip(targets, wire.scale, strict=True)]
+    distances = units.distances(pad_sequence(points, batch_first=True), coarse=cup.sketch(flat))
+    distances = distances * wire.scale[:, None]
+    smooth = wire.sample(wire_places(units.stations))
+    results = []
+    for k, target in enumerate(targets):
+        scale = wire.scale[k].item()
+        shape = in_millimetres(units.map(partial(torch.select, dim=0, index=k)), scale)
+        flat, own = shape.flat(), distances[k, : len(target.points)]
+        neckline = None if target.neckline is None else torch.as_tensor(target.neckline, dtype=torch.float64)
+        figures = figures_of(shape, flat, own, neckline, smooth[k] * scale, wire.smoothing[k].item())
+        figures["seam_to_apex_mm"] = seam_to_apex(shape, target.bust_point)
+        panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
+        results.append(Measured(shape, panels, own, figures))
+    twisted = [k for k, one in enumerate(results) if not one.figures["twist_deg_max"] <= TWIST_LIMIT]
+    if cup.developable and twisted and refinements:
+        finer = cup.select(torch.tensor(twisted)).refined()
+        for k, one in zip(twisted, measured_cups(finer, [targets[k] for k in twisted], refinements - 1), strict=True):
+            results[k] = one
+    return results
 
 
 def in_millimetres(shape: CupShape, scale: float) -> CupShape:

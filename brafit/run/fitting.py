@@ -10,6 +10,7 @@ import numpy as np
 
 from brafit.fitting import CupFit, Target
 from brafit.fitting.certainty import Alternatives, shapes_of
+from brafit.fitting.loop import Winners
 from brafit.fitting.objective import APEX
 from brafit.fitting.result import Survey
 from brafit.fitting.solver import Callback
@@ -63,23 +64,52 @@ def fitted(recipe: Recipe, scans: Sequence[Scan], callback: Callback | None = No
         callback: called with a `Step` after every step.
     """
     scans = [middle_of(scan, _thickness(recipe)) for scan in scans]
-    targets, course = [target_of(scan) for scan in scans], Course(callback)
-    guessed = [target.apex is None for target in targets]
-    if recipe.condition.seam == APEX:
-        targets = [replace(target, apex=target.bust_point) for target in targets]
+    targets, course = _targets(recipe, scans), Course(callback)
 
     def some(own: Recipe, places: Sequence[int], name: str) -> list[CupFit]:
         fits = own.fit([targets[k] for k in places], course.of(places, name))
         return [judged(fit, scans[k]) for fit, k in zip(fits, places, strict=True)]
 
     fits = chosen(recipe, len(scans), some)
-    words = f"no bust point is marked: it is taken to be {GUESS}"
-    remedy = "mark it (landmarks.apex) where that is another"
-    found = []
-    for fit, scan, guess in zip(fits, scans, guessed, strict=True):
-        notes = (*fit.notes, Remark("bust_point_guessed", words, fit.name, remedy)) if guess else fit.notes
-        found.append(replace(fit, notes=notes, uncovered_share=uncovered_share(fit.shape, scan.dense)))
-    return found
+    return [_with_facts(fit, scan) for fit, scan in zip(fits, scans, strict=True)]
+
+
+def solved(recipe: Recipe, scans: Sequence[Scan], callback: Callback | None = None) -> list[Winners]:
+    """Where the fits of a batch ended, of each scan on its own: `measured` makes fits of them. The arguments are those
+    of `fitted`; the recipe compares no fits.
+    """
+    targets = _targets(recipe, [middle_of(scan, _thickness(recipe)) for scan in scans])
+    return recipe.solve(targets, callback).parts(1)
+
+
+def measured(recipe: Recipe, scan: Scan, won: Winners) -> CupFit:
+    """What `fitted` gives of a scan, from where its fit ended.
+
+    Args:
+        recipe: how it was fitted.
+        scan: as it was loaded.
+        won: its part of what `solved` gave.
+    """
+    scan = middle_of(scan, _thickness(recipe))
+    (fit,) = recipe.measure(won)
+    return _with_facts(judged(fit, scan), scan)
+
+
+def _targets(recipe: Recipe, scans: Sequence[Scan]) -> list[Target]:
+    targets = [target_of(scan) for scan in scans]
+    if recipe.condition.seam == APEX:
+        return [replace(target, apex=target.bust_point) for target in targets]
+    return targets
+
+
+def _with_facts(fit: CupFit, scan: Scan) -> CupFit:
+    """The fit with what the scan has to say of it."""
+    notes = fit.notes
+    if scan.apex is None:
+        words = f"no bust point is marked: it is taken to be {GUESS}"
+        remedy = "mark it (landmarks.apex) where that is another"
+        notes = (*notes, Remark("bust_point_guessed", words, fit.name, remedy))
+    return replace(fit, notes=notes, uncovered_share=uncovered_share(fit.shape, scan.dense))
 
 
 def with_surveys(recipe: Recipe, scans: Sequence[Scan], fits: Sequence[CupFit]) -> list[CupFit]:

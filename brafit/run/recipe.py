@@ -13,6 +13,7 @@ from brafit.settings.entries import locate, made, refusal
 if TYPE_CHECKING:
     from brafit.cloud import Reader
     from brafit.fitting import CupFit, Target
+    from brafit.fitting.loop import Winners
     from brafit.fitting.solver import Callback
     from brafit.pattern import PatternOptions
 
@@ -67,23 +68,36 @@ class Recipe:
         Args:
             targets: the scans.
             callback: called with a `Step` after every step.
-            threads: processor cores that share the scans.
+            threads: processor cores that share the scans, see `fit_targets`.
         """
-        import torch
-
         from brafit.fitting import fit_targets
 
-        return fit_targets(
-            targets,
-            self.cup,
-            self.solver,
-            self.condition,
-            restarts=self.restarts,
-            dtype=getattr(torch, self.dtype),
-            device=self.device,
-            threads=threads,
-            callback=callback,
-        )
+        return fit_targets(targets, **self._how(), threads=threads, callback=callback)
+
+    def solve(self, targets: Sequence[Target], callback: Callback | None = None) -> Winners:
+        """Where the fits of a batch end; the arguments are those of `fit`."""
+        from brafit.fitting.loop import solved
+
+        return solved(targets, **self._how(), callback=callback)
+
+    def measure(self, won: Winners) -> list[CupFit]:
+        """The fits of what `solve` gave."""
+        from brafit.fitting.loop import finished
+
+        return finished(won, self.cup, self.condition)
+
+    @property
+    def compares(self) -> bool:
+        """Whether a scan is fitted more than once, and what it gets depends on what is measured of the fits."""
+        from brafit.fitting.objective import APEX
+
+        return self.tolerance is not None or self.condition.seam == APEX
+
+    def _how(self) -> dict[str, Any]:
+        import torch
+
+        own = {name: getattr(self, name) for name in ("cup", "solver", "condition", "restarts", "device")}
+        return own | {"dtype": getattr(torch, self.dtype)}
 
     @property
     def model(self) -> dict[str, Any]:

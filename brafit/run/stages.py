@@ -23,13 +23,14 @@ from brafit.cloud import read_cloud
 from brafit.cloud.open3d_runtime import open3d
 from brafit.errors import BrafitError, InputError
 from brafit.fitting import CupFit, Step
+from brafit.fitting.loop import Winners
 from brafit.report.fit_step import FitStep
 from brafit.report.row import failed_row, fitted_row
 from brafit.report.table import write_fit_json
 from brafit.result import result_files
 from brafit.run.dataset import ScanRef
 from brafit.run.dataset import dataset as dataset_of
-from brafit.run.fitting import fitted, result_of, with_surveys
+from brafit.run.fitting import fitted, measured, result_of, solved, with_surveys
 from brafit.run.job import Doing, Done, common_cause
 from brafit.run.recipe import READING, Recipe
 from brafit.run.store import key_of, nest_file, restored
@@ -123,7 +124,8 @@ def _loaded(recipe: Recipe, ref: ScanRef, sides: Sequence[str | None], tell: Tel
 
 
 def fit(source: bytes, scans: Sequence[bytes], watched: Sequence[str], tell: Tell) -> list[bytes]:
-    """The fits of a batch, in its order; all scans of a batch have the same settings of their own.
+    """The fits of a batch, in its order; all scans of a batch have the same settings of their own. What another device
+    solves is measured by whoever finishes the scan: one process measures more slowly than the device solves.
 
     Args:
         source: the pickled maker of the recipe.
@@ -135,8 +137,13 @@ def fit(source: bytes, scans: Sequence[bytes], watched: Sequence[str], tell: Tel
     recipe = _recipe(source, loaded[0][0].overrides)
     scans = [scan for *_, scan in loaded]
     names = [scan.name for scan in scans]
-    fits = fitted(recipe, scans, lambda step: tell(_told(step, names, watched)))
-    return [_packed(fit) for fit in with_surveys(recipe, scans, fits)]
+
+    def told(step: Step) -> None:
+        tell(_told(step, names, watched))
+
+    if recipe.device != "cpu" and not recipe.compares:
+        return [_packed(part) for part in solved(recipe, scans, told)]
+    return [_packed(fit) for fit in with_surveys(recipe, scans, fitted(recipe, scans, told))]
 
 
 class _Packer(pickle.Pickler):
@@ -148,7 +155,7 @@ class _Packer(pickle.Pickler):
         return NotImplemented
 
 
-def _packed(fit: CupFit) -> bytes:
+def _packed(fit: CupFit | Winners) -> bytes:
     file = io.BytesIO()
     _Packer(file, pickle.HIGHEST_PROTOCOL).dump(fit)
     return file.getvalue()
@@ -167,6 +174,8 @@ def finish(source: bytes, scan: bytes, fit: bytes, out: Path, drawn: bool, tell:
     """
     ref, k, key, loaded = pickle.loads(scan)
     recipe, cup = _recipe(source, ref.overrides), pickle.loads(fit)
+    if isinstance(cup, Winners):
+        cup = measured(recipe, loaded, cup)
     row = fitted_row(cup, loaded.side, len(loaded.points), recipe.model, loaded.neckline is not None)
     if row["status"] != "ok":
         return _failure(recipe, ref, k, row["reason"], cup.code.value, out, row=row)

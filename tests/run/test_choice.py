@@ -16,7 +16,8 @@ from brafit.errors import ConfigError
 from brafit.fitting import CupFit, ResultCode, Step, fit_targets
 from brafit.fitting import objective as objectives
 from brafit.fitting.lm import LM
-from brafit.fitting.loop import measured_cups, starting_problems
+from brafit.fitting.loop import starting_problems
+from brafit.fitting.measure import measured_cups
 from brafit.run.choice import chosen
 from brafit.run.course import Course
 from brafit.run.fitting import fitted, result_of, target_of

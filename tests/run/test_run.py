@@ -27,6 +27,7 @@ from brafit.run.closing import closing
 from brafit.run.collect import collect
 from brafit.run.dataset import ScanRef
 from brafit.run.job import Overview
+from brafit.run.recipe import Recipe
 from brafit.run.sinks import Activity, Board, ErrorLog, Index, Nest, Progress, Sink, Table
 from brafit.samples import sample_paths
 
@@ -337,6 +338,19 @@ def test_what_holds_for_both_breasts_is_noted_once(capsys: pytest.CaptureFixture
     said = capsys.readouterr().err
     assert said.count("it is in cm") == 2, "once of each file"
     assert all(f"only of {name}" in said for name in names)
+
+
+def solved_elsewhere() -> Recipe:
+    """Solves where the processor is called another device: what it solves is measured by whoever finishes it."""
+    return faulty.plain(device="cpu:0")
+
+
+def test_what_another_device_solves_is_measured_alike_by_whoever_finishes_it(job: Job) -> None:
+    here = run(job)
+    there = run(replace(job, recipe=solved_elsewhere, out=job.out.parent / "there", one_fit=True))
+    assert {row["status"] for row in here} == {"ok"}
+    for one, other in zip(timeless(here), timeless(there), strict=True):
+        assert numbers(other) == pytest.approx(numbers(one), rel=1e-6, abs=1e-9)
 
 
 def test_a_fit_is_handed_on_alone(tmp_path: Path) -> None:
