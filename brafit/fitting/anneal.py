@@ -30,7 +30,7 @@ class AnnealStage:
         rate: rate of Adam, in solver units.
         damping: L-BFGS works in the variables in which the Gauss-Newton matrix at the stage's start, plus `damping`
             times its largest diagonal element, is the identity. Small values reach weakly determined directions, but
-            only near a minimum.
+            only near a minimum; below 1e-8 they are lost in the rounding of that matrix.
         points: points of each cloud that the stage uses. None: all. 0: none; the edges are fitted to the start's curves
             (`brafit.fitting.start`) instead.
         keep: starts per scan that go on after the stage; None: all.

@@ -49,7 +49,7 @@ TIGHT = 10.0
 FAR, FAR_SHARE = 5.0, 0.05
 """A warning is due if more than this share of the points is further than this from the cup, mm."""
 MEASURED = 16
-"""Fits measured at once, where another device solved them."""
+"""Fits measured at once: more take no less time, but more memory."""
 
 
 @dataclass(frozen=True)
@@ -127,12 +127,8 @@ def fit_targets(
     begun = time.perf_counter()
     solve = partial(solved, cup=cup, solver=solver, condition=condition, restarts=restarts, dtype=dtype, device=device)
     if torch.device(device).type == "cpu":
-        fits = in_shards(
-            partial(_together, solve=solve, finish=partial(_finished, cup=cup, condition=condition)),
-            targets,
-            threads,
-            callback,
-        )
+        work = partial(_together, solve=solve, finish=partial(finished, cup=cup, condition=condition))
+        fits = in_shards(work, targets, threads, callback)
     else:
         fits = finished(solve(targets, callback=callback), cup, condition, threads)
     seconds = (time.perf_counter() - begun) / max(1, len(targets))
@@ -151,7 +147,7 @@ def _together(
 
 
 def finished(won: Winners, cup: Callable[[Wire], Cup], condition: Conditions, threads: int = 1) -> list[CupFit]:
-    """The fits of a batch that another device solved, measured on the processor.
+    """The fits of a batch that was solved, here or on another device, measured on the processor and judged.
 
     Args:
         won: where the fits ended.

@@ -32,10 +32,10 @@ def target(points: np.ndarray, name: str = "known") -> Target:
     return Target(name, points, cup.edges[0].numpy(), cup.edges[-1].numpy())
 
 
-def problem(targets: list[Target], wire: Wire | None = None) -> Objective:
+def problem(targets: list[Target], wire: Wire | None = None, stations: int = 21) -> Objective:
     """Started well off the known cup."""
     batch = len(targets)
-    cup = FramesCup(half_circle(batch) if wire is None else wire, 2, 3, 21)
+    cup = FramesCup(half_circle(batch) if wire is None else wire, 2, 3, stations)
     cup.start(torch.tensor([[0.6, 1.75]] * batch).double(), torch.tensor([[0.85, 1.15]] * batch).double())
     return Objective(cup, Targets.stack(targets, torch.ones(batch, dtype=torch.float64)), CONDITIONS)
 
@@ -46,14 +46,15 @@ def solve(own: Objective, stages=SHORT, **given):
 
 @pytest.mark.slow
 def test_a_known_cup_is_recovered():
-    own = problem([target(known_points())])
+    """On stations so fine that they say where it is: with 21 of them it is off by twice the bounds here."""
+    own = problem([target(known_points())], stations=41)
     stages = [AnnealStage("adam", 30, 1.0), AnnealStage("lbfgs", 100, 10.0), AnnealStage("lbfgs", 150, 100.0)]
-    stages += [AnnealStage("lbfgs", 250, 100.0, damping=1e-12)] * 6
+    stages += [AnnealStage("lbfgs", 250, 100.0, damping=1e-8)] * 6
     solution = solve(own, stages, tolerance=1e-12)
     shape = own.cup.shape_of(solution.flat)
     distances = own.distances(shape, own.feet(shape)).abs()
     assert distances.mean() < 1e-4
-    exact = lune_frames(stations=21)()
+    exact = lune_frames(stations=41).shape()
     torch.testing.assert_close(shape.edges, exact.edges, rtol=0, atol=1e-3)
     assert own.cup.constraints(shape)["twist"].abs().max() < 1e-3
     assert own.cup.constraints(shape)["ends"].abs().max() < 1e-12
