@@ -53,7 +53,7 @@ def thorough(stages: int = 15) -> Anneal:
     """
     shares = [k / (stages - 1) for k in range(stages)]
     lbfgs = [
-        {"optimiser": "lbfgs", "steps": 20, "penalty": 10 ** (4 * x - 1), "damping": 10 ** (-3 * x - 5)} for x in shares
+        {"optimiser": "lbfgs", "steps": 20, "penalty": 10 ** (4 * x - 1), "damping": 10 ** (-2 * x - 5)} for x in shares
     ]
     return Anneal([ADAM, *lbfgs], tolerance=1e-12)
 

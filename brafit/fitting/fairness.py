@@ -21,8 +21,9 @@ WAVES = 4.0
 WAVE_SLOPE = 0.5
 """Changes of curvature per s that are smaller than this count by their square alone."""
 PLAINNESS = 3.5e-3
-"""Weight of what sets a cup apart from the plain one (`Cup.plain`) at `Conditions.fairness` 1, over the number of
-panels: the fewer panels, the less close the cup, and the less data say about it."""
+"""Weight of what sets a cup apart from the plain one (`Cup.plain`) at `Conditions.fairness` 1, see `plainness`."""
+FEW = 3
+"""Panels up to which plainness falls with their number alone."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +62,17 @@ def fairness_blocks(
     blocks = [replace(fair, weight=shares.fairness * strength * FAIRNESS, final=final)]
     if (plain := cup.plain(height)) is not None:
         away = (flat - plain[0]) * plain[1]
-        weight = strength * PLAINNESS / cup.panels
+        weight = strength * plainness(cup.panels)
         final = Block("plainness", away, weight, "fairness", diagonal=plain[1])
         blocks.append(replace(final, weight=shares.plainness * weight, final=final))
     return blocks
+
+
+def plainness(panels: int) -> float:
+    """Its weight with so many panels, at `Conditions.fairness` 1: the fewer panels, the less close the cup, and the
+    less data say about it. With more than FEW it falls faster: there the plain cup would win over closer ones.
+    """
+    return PLAINNESS / panels * min(1.0, FEW / panels) ** 2
 
 
 def wavy(squared: Tensor, spans: Float[Tensor, " m"], share: float = 1.0) -> tuple[Tensor, Tensor]:
