@@ -1,6 +1,6 @@
 """How well sizes serve a population, and what time and memory ten thousand fits take.
 
-    python scripts/make_scans.py --count 300 --points 15000 --out BODIES
+    python scripts/make_scans.py --count 300 --points 15000 --accepted --out BODIES
     brafit BODIES out=RESULTS experiment=lean
     python scripts/check_sizes.py RESULTS --many 10000 --out DIR
 
