@@ -44,7 +44,7 @@ def cloth_words(options: PatternOptions) -> list[str]:
     if thickness := options.cloth["thickness"]:
         words.append(f"cloth {options.length(thickness)} thick")
     stretched = (options.cloth["stretch"], options.cloth["stretch_across"])
-    ways = ("at its greatest", "across that") if options.stretch else ("along grain", "across grain")
+    ways = ("at its greatest", "across that") if options.by_stretch else ("along grain", "across grain")
     for way, stretch, share in zip(ways, stretched, reductions(options), strict=True):
         if stretch:
             words.append(f"stretch {stretch:g} % {way}: {100 * share:.1f} % less")

@@ -27,7 +27,7 @@ def grain_angle(options: PatternOptions, side: Side) -> float:
 
 def grain_name(options: PatternOptions) -> str:
     """What the line is called."""
-    return "greatest stretch" if options.stretch else "grain line"
+    return "greatest stretch" if options.by_stretch else "grain line"
 
 
 def grain_line(inside: Polygon, angle: float, holes: Sequence[Hole]) -> Float[ndarray, "2 2"]:
@@ -74,7 +74,7 @@ def too_wide(outline: Float[ndarray, "n 2"], options: PatternOptions, side: Side
     either way."""
     angle = math.radians(grain_angle(options, side))
     ways = [np.array((-math.sin(angle), math.cos(angle)))]
-    ways += [np.array((math.cos(angle), math.sin(angle)))] * options.stretch
+    ways += [np.array((math.cos(angle), math.sin(angle)))] * options.by_stretch
     across = min(float(np.ptp(outline @ way)) for way in ways)
     limit = options.material_width
     return f"{across:.0f} mm across the grain, wider than the material ({limit:.0f} mm)" if across > limit else ""

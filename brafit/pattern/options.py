@@ -17,6 +17,8 @@ UNITS: dict[str, float] = {"mm": 1.0, "inch": 25.4}
 
 
 NOTCHES = ("slit", "v", "t")
+ARROWS = ("grain", "stretch")
+"""What pieces are laid along."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class PatternOptions:
         notch_width: of a V, and of a T's bar.
         grain: direction of the grain line in degrees from the chord of the piece's lower edge, as seen on a left cup;
             right ones are its mirror image.
-        stretch: whether the cloth stretches: that line is the direction of its greatest stretch then.
+        arrow: what that line is laid along, of `ARROWS`: the grain, or the direction of the cloth's greatest stretch.
         wire: the wire's channel, each 0 for without: `casing`, cloth beyond the wire edge's allowance that is turned
             over the wire (bought channelling needs none); `play`, by how much the channel is longer than the wire at
             each end, where notches mark the wire's ends; `spring`, by how much the worn wire is opened from end to end.
@@ -71,7 +73,7 @@ class PatternOptions:
     notch_form: str = "slit"
     notch_width: float = 3.0
     grain: float = 90.0
-    stretch: bool = False
+    arrow: str = "grain"
     wire: Mapping[str, float] = field(default_factory=lambda: {"casing": 0.0, "play": 0.0, "spring": 0.0})
     pair: bool = False
     quantity: int = 1
@@ -96,10 +98,16 @@ class PatternOptions:
         for name in ("thickness", "stretch", "stretch_across"):
             _at_least(f"cloth.{name}", self.cloth.get(name), 0.0)
         _one_of("notch_form", self.notch_form, NOTCHES)
+        _one_of("arrow", self.arrow, ARROWS)
         for name in ("notches", "notch_depth", "notch_width", "seam_tolerance", "twist_limit"):
             _at_least(name, getattr(self, name), 0.0)
         _at_least("quantity", self.quantity, 1)
         _at_least("material_width", self.material_width, 1.0)
+
+    @property
+    def by_stretch(self) -> bool:
+        """Whether pieces are laid by the cloth's greatest stretch instead of its grain."""
+        return self.arrow == "stretch"
 
     def allowed(self, kind: str) -> float:
         """The allowance of a kind of edge, the casing's cloth included."""

@@ -171,7 +171,7 @@ def _rows(pieces: Sequence[CutPiece], options: PatternOptions) -> list[tuple[Cal
     for count, words in ((1, "notch, nearer the centre front"), (2, "double notch, nearer the side seam")):
         own = [notch for notch in notches if not notch.name and len(notch.ticks) == count]
         rows += _notch_rows(own, words, options)
-    words = "direction of greatest stretch" if options.stretch else grain_name(options)
+    words = "direction of greatest stretch" if options.by_stretch else grain_name(options)
     rows.append((lambda y: arrow(np.array(((0.0, y), (18.0, y))), INFO), words))
     return rows
 

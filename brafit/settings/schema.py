@@ -207,7 +207,7 @@ class PatternConfig:
     notch_form: str = one_of("slit", "v", "t")
     notch_width: float = limited(0, 20)
     grain: float = limited(-360, 360)
-    stretch: bool = MISSING
+    arrow: str = one_of("grain", "stretch")
     wire: WireConfig = field(default_factory=WireConfig)
     pair: bool = MISSING
     quantity: int = limited(1)

@@ -369,7 +369,7 @@ def test_forms_of_notches(form):
 
 def test_line_of_cloth_that_stretches_is_named_so():
     assert {"grain line"} == {c.words for p in lunes().pieces for c in p.captions} & {"grain line", "greatest stretch"}
-    stretch = lunes(stretch=True, grain=0.0).pieces
+    stretch = lunes(arrow="stretch", grain=0.0).pieces
     assert all("greatest stretch" in {caption.words for caption in piece.captions} for piece in stretch)
     assert not any("grain line" in {caption.words for caption in piece.captions} for piece in stretch)
 

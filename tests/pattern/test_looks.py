@@ -19,7 +19,7 @@ from brafit.pattern.sheet import sheet_page
 
 
 @pytest.mark.parametrize("panels", [1, 2, 3])
-@pytest.mark.parametrize("options", [{}, {"pair": True, "notch_form": "v", "stretch": True}])
+@pytest.mark.parametrize("options", [{}, {"pair": True, "notch_form": "v", "arrow": "stretch"}])
 def test_nothing_overlaps_and_labels_are_on_their_pieces(tmp_path, panels, options):
     pytest.importorskip("svgelements", reason="the SVG reader svgelements is not installed")
     channel = {"casing": 10.0, "play": 5.0, "spring": 0.0}
