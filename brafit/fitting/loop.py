@@ -67,6 +67,7 @@ class CupFit:
         iterations: evaluations of the objective by the start that won.
         seconds: this scan's share of the batch's time.
         warnings: what is uncertain about the fit.
+        faults: why it is no likeness of the points (`brafit.run.likeness`).
         alternatives: cups a standard deviation away, see `brafit.fitting.certainty`; none where that is not known.
         conditions: of each condition of another kind (`Conditions.extra`) what was measured, by its name.
         notes: what was found out by fitting, such as what one more panel would bring.
@@ -87,6 +88,7 @@ class CupFit:
     iterations: int
     seconds: float
     warnings: tuple[Remark, ...] = ()
+    faults: tuple[Remark, ...] = ()
     alternatives: Sequence[Alternative] = ()
     conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     notes: tuple[Remark, ...] = ()

@@ -113,13 +113,12 @@ def _price(own: CupFit, other: CupFit) -> CupFit:
     """A cup with its seam through the bust point, beside the closest cup."""
     through, off = own.figures["rms_mm"], other.figures["rms_mm"]
     away = other.figures["seam_to_apex_mm"]
-    words = f"seam through the bust point: {through:.2f} mm RMS; the closest cup"
-    words += f" has {off:.2f} mm, its seam {away:.1f} mm from it" if other.code.is_cup else " would be none"
+    words = f"seam through the bust point: {through:.2f} mm RMS; without it"
+    words += f" {off:.2f} mm, and the seam is {away:.1f} mm from it" if other.code.is_cup else " there would be no cup"
     numbers = {"rms_mm": through, "closest_rms_mm": off, "closest_seam_to_apex_mm": away}
     return replace(
-        own,
+        seam_blamed(own, other),
         notes=(*own.notes, Remark("seam_price", words, own.name)),
-        warnings=seam_blamed(own.warnings, other.warnings) if other.code.is_cup else own.warnings,
         seconds=own.seconds + other.seconds,
         choice={**own.choice, "seam": words, "seam_price": numbers if other.code.is_cup else {"rms_mm": through}},
     )

@@ -37,7 +37,10 @@ AWAY = 0.1
 panels can be off a breast."""
 BEHIND = 0.05
 """A point farther than this many wire lengths behind the wire's plane is no breast's."""
+ROUGH = 1.8
+"""Scatter (mm) of cleaned points that alone puts a twentieth of them FAR from a cup (`brafit.fitting.loop`)."""
 LOOK = "look at the points and the lines with brafit-inspect"
+FAR = f"{LOOK}: they may not be one breast's, or the cup needs more panels (cup.panels)"
 
 
 BOUNDS: Mapping[str, Bound] = {
@@ -45,13 +48,13 @@ BOUNDS: Mapping[str, Bound] = {
         "the cup is far from the points: RMS {value}",
         usual=(0.0, 0.035),
         possible=(0.0, 0.06),
-        remedy=f"{LOOK}: they may not be one breast's, or the cup needs more panels (cup.panels)",
+        remedy=FAR,
     ),
     "p95": Bound(
         "a twentieth of the points is farther from the cup than {value}",
         usual=(0.0, 0.075),
         possible=(0.0, 0.12),
-        remedy=f"{LOOK}: they may not be this breast's, or the cup needs more panels (cup.panels)",
+        remedy=FAR,
     ),
     "max": Bound(
         "a point is {value} from the cup",
@@ -121,30 +124,39 @@ _COSTS = (
 _LIKEWISE = "the seam through the bust point costs that too"
 
 
-def seam_blamed(warnings: Sequence[Remark], closest: Sequence[Remark]) -> tuple[Remark, ...]:
-    """A cup's warnings, in which those of its distances name the seam through the bust point as their cause, if the
-    closest cup has none like them. What helps is said once.
+def seam_blamed(fit: CupFit, free: CupFit) -> CupFit:
+    """A fit whose warnings and faults of distances name the seam through the bust point as their cause, if the cup
+    without it has none like them. What helps is said once.
 
     Args:
-        warnings: of a cup whose seam was led through the bust point.
-        closest: of the closest cup to the same points.
+        fit: of a cup whose seam was led through the bust point.
+        free: to the same points, its seams where they are closest.
     """
-    blamed = _OF_DISTANCES - {other.code for other in closest}
-    first = next((told for told in warnings if told.code in blamed), None)
-    return tuple(
-        replace(told, remedy=_COSTS if told is first else _LIKEWISE) if told.code in blamed else told
-        for told in warnings
-    )
+    if not free.code.is_cup:
+        return fit
+    blamed = _OF_DISTANCES - {other.code for other in free.warnings}
+
+    def told(remarks: Sequence[Remark]) -> tuple[Remark, ...]:
+        first = next((one for one in remarks if one.code in blamed), None)
+        return tuple(
+            replace(one, remedy=_COSTS if one is first else _LIKEWISE) if one.code in blamed else one for one in remarks
+        )
+
+    fit = replace(fit, warnings=told(fit.warnings), faults=told(fit.faults))
+    return replace(fit, reason=_unlike(fit.faults)) if fit.code is ResultCode.UNLIKE else fit
 
 
 def judged(fit: CupFit, scan: Scan) -> CupFit:
     """The fit with warnings for what is unusual; unlike, if a measure is beyond what a breast's cup can have.
 
-    A fit that failed by itself stays as it is; one whose cup is not regular says first if its points are no breast's.
+    A fit that failed by itself stays as it is; one whose cup is not regular says first if its points are no breast's,
+    unless it has one panel, which is far from any breast's.
     """
     if not fit.code.is_cup:
-        faults = _judged(fit, scan)[1] if fit.code is ResultCode.UNRESOLVED else []
+        several = fit.code is ResultCode.UNRESOLVED and fit.shape.panels > 1
+        faults = _judged(fit, scan)[1] if several else []
         return replace(fit, reason=f"{_unlike(faults)}. {fit.reason}") if faults else fit
+    fit = replace(fit, warnings=tuple(_of_noise(told, scan) for told in fit.warnings))
     warnings = list[Remark]()
     if scan.confidence is not None:
         fit = replace(fit, figures=fit.figures | {"landmark_confidence": scan.confidence.value})
@@ -156,8 +168,17 @@ def judged(fit: CupFit, scan: Scan) -> CupFit:
         warnings += [Remark("chosen_wire_far", words)] if far else []
     unusual, faults = _judged(fit, scan)
     if faults:
-        fit = replace(fit, code=ResultCode.UNLIKE, reason=_unlike(faults))
+        fit = replace(fit, code=ResultCode.UNLIKE, reason=_unlike(faults), faults=tuple(faults))
     return replace(fit, warnings=(*fit.warnings, *warnings, *unusual))
+
+
+def _of_noise(told: Remark, scan: Scan) -> Remark:
+    """The warning of far points with the remedy that helps where the scan is noisy: no number of panels does."""
+    scatter = scan.cleaning.scatter_mm
+    if told.code != "far_points" or scatter is None or scatter < ROUGH:
+        return told
+    words = f"they scatter by {scatter:.1f} mm about their surface, which no number of panels follows"
+    return replace(told, remedy=words)
 
 
 def _judged(fit: CupFit, scan: Scan) -> tuple[list[Remark], list[Remark]]:
@@ -174,4 +195,7 @@ def _judged(fit: CupFit, scan: Scan) -> tuple[list[Remark], list[Remark]]:
 
 
 def _unlike(faults: Sequence[Remark]) -> str:
-    return f"{ResultCode.UNLIKE.value}: {'. '.join(map(str, faults))}"
+    """Why a cup is none of these points: causes with one remedy together."""
+    remedies = dict.fromkeys(fault.remedy for fault in faults)
+    alike = [(" and ".join(one.text for one in faults if one.remedy == remedy), remedy) for remedy in remedies]
+    return f"{ResultCode.UNLIKE.value}: {'. '.join(f'{causes}; {remedy}' for causes, remedy in alike)}"

@@ -185,8 +185,9 @@ def _page(
         f"<h1>Sweep of {len(tables)} jobs</h1><p>Figures are medians of a job's good scans, lengths in mm; warnings "
         "are counted over all of its scans. Click a heading to sort, a job for its scans and their warnings.</p>"
         f'<div class="scroll"><table class="sortable"><thead><tr>{heads}</tr></thead><tbody>{"".join(lines)}</tbody>'
-        "</table></div><h2>Best of each scan</h2><p>The job with the lowest RMS distance; more panels and terms always "
-        'follow a scan closer.</p><div class="scroll"><table class="sortable"><thead><tr><th>scan</th><th>job</th>'
+        "</table></div><h2>Best of each scan</h2><p>The job with the lowest RMS distance; with more panels and terms a "
+        "cup mostly comes closer, and there is more to sew.</p>"
+        '<div class="scroll"><table class="sortable"><thead><tr><th>scan</th><th>job</th>'
         f'<th class="number">RMS</th></tr></thead>'
         f"<tbody>{chosen}</tbody></table></div><script>{asset('table.js')}</script>",
         wide=True,

@@ -142,13 +142,26 @@ def test_assumed_places_count_in_no_figure_and_no_warning(recipe: Recipe) -> Non
     assert seen[-1].terms["rms_mm"][0].item() == pytest.approx(fit.figures["rms_mm"], rel=0.05)
 
 
-def test_a_seam_that_costs_much_is_named_as_the_cause():
+def test_a_seam_that_costs_much_is_named_as_the_cause(fit: CupFit) -> None:
     """Else the user would look for strays in a good scan."""
     far, edge, other = (Remark(code_of(key), "it is so", remedy=BOUNDS[key].remedy) for key in ("rms", "max", "wire"))
-    (told, again, kept) = seam_blamed([far, edge, other], [other])
+    free, through = (replace(fit, warnings=told) for told in ((other,), (far, edge, other)))
+    (told, again, kept) = seam_blamed(through, free).warnings
     assert (told.code, told.text) == (far.code, far.text)
     assert "condition.seam=closest" in told.remedy
     assert "the seam through the bust point" in again.remedy
     assert "condition.seam" not in again.remedy, "once is enough"
     assert kept == other
-    assert seam_blamed([far], [far]) == (far,)  # the closest cup is as far
+    alone = replace(fit, warnings=(far,))
+    assert seam_blamed(alone, alone).warnings == (far,)  # the closest cup is as far
+    worse = replace(fit, code=ResultCode.UNLIKE, reason="the scan's fault", faults=(far,))
+    assert "condition.seam=closest" in seam_blamed(worse, free).reason, "a fit that failed for it"
+    assert "brafit-inspect" not in seam_blamed(worse, free).reason, "the scan is good"
+    assert seam_blamed(worse, replace(fit, code=ResultCode.UNLIKE)).reason == "the scan's fault"
+
+
+def test_points_that_are_far_for_noise_are_no_reason_for_more_panels(fit: CupFit, scan: Scan) -> None:
+    far = replace(fit, warnings=(Remark("far_points", "many are", remedy="more panels follow it closer"),))
+    rough = replace(scan, cleaning=replace(scan.cleaning, scatter_mm=2.3))
+    assert "more panels" in judged(far, scan).warnings[0].remedy
+    assert "scatter by 2.3 mm" in judged(far, rough).warnings[0].remedy
