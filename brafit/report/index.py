@@ -35,8 +35,8 @@ def write_index(
         folders: where each scan's files are, seen from this page; None: in a folder of its name.
     """
     keys = [key for key in MEANINGS if any(row.get(key) is not None for row in rows)]
-    heads = ["cup", "scan", "status", "warnings", "side", *map(head, keys)]
-    about = ["", "", "", "of the fit and of the pieces; open them to read", ""]
+    heads = ["cup", "scan", "status", "warnings", "side", "panels", "nearest wire", *map(head, keys)]
+    about = ["", "", "", "of the fit and of the pieces; open them to read", "", "", "that is sold"]
     titles = [*about, *(", ".join(filter(None, MEANINGS[key])) for key in keys)]
     classes = [*("" for _ in about), *map(_class, keys)]
     shown = "".join(
@@ -79,7 +79,7 @@ def _index_line(row: Mapping[str, Any], told: Sequence[str], keys: Sequence[str]
     image = f'<img src="{folder}/thumbnail.png" loading="lazy" alt="">'
     picture = f'<a href="{folder}/report.html">{image}</a>' if good else ""
     title = f'<a href="{folder}/report.html">{text(name)}</a>' if good else text(name)
-    state = "ok" if good else f'<span class="failed">failed</span> <span class="soft">{text(row.get("reason"))}</span>'
+    state = "ok" if good else f'<span class="failed">failed</span> <div class="soft reason">{text(row.get("reason"))}</div>'
     words = "".join(f"<li>{text(line)}</li>" for line in told)
     warned = f'<details><summary class="failed">{len(told)}</summary><ul>{words}</ul></details>' if told else "0"
     cells = [
@@ -87,7 +87,7 @@ def _index_line(row: Mapping[str, Any], told: Sequence[str], keys: Sequence[str]
         f"<td>{title}</td>",
         f'<td data-value="{"ok" if good else "failed"}">{state}</td>',
         f'<td data-value="{len(told) if good else ""}">{warned if good else ""}</td>',
-        f"<td>{text(row.get('side') or '')}</td>",
+        *(f"<td>{text(row.get(key) or '')}</td>" for key in ("side", "panels", "nearest_wire")),
     ]
     for key in keys:
         value = number(row.get(key))

@@ -32,10 +32,10 @@ COUNTS = ("panels", "terms", "points", "iterations", "warning_count")
 
 # Column of the terminal's table: key, heading, format.
 _SHORT = (
-    ("scan", "scan", "s"), ("status", "status", "s"), ("points", "points", "d"),
+    ("scan", "scan", "s"), ("status", "status", "s"), ("panels", "panels", "d"), ("points", "points", "d"),
     ("rms_mm", "rms", ".2f"), ("p95_mm", "p95", ".2f"), ("max_mm", "max", ".2f"),
     ("upper_edge_mm", "upper edge", ".2f"), ("seam_to_apex_mm", "to apex", ".1f"),
-    ("isometry_mm", "isometry", ".3f"), ("seam_mismatch_mm", "cup seam", ".3f"),
+    ("seam_mismatch_mm", "cup seam", ".3f"),
     ("nearest_wire", "nearest wire", "s"), ("warning_count", "warnings", "d"), ("seconds", "s a scan", ".1f"),
 )  # fmt: skip
 
