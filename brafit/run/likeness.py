@@ -142,7 +142,8 @@ def seam_blamed(fit: CupFit, free: CupFit) -> CupFit:
             replace(one, remedy=_COSTS if one is first else _LIKEWISE) if one.code in blamed else one for one in remarks
         )
 
-    fit = replace(fit, warnings=told(fit.warnings), faults=told(fit.faults))
+    faults = [replace(one, remedy=_COSTS) if one.code in blamed else one for one in fit.faults]
+    fit = replace(fit, warnings=told(fit.warnings), faults=tuple(faults))
     return replace(fit, reason=_unlike(fit.faults)) if fit.code is ResultCode.UNLIKE else fit
 
 
@@ -198,4 +199,5 @@ def _unlike(faults: Sequence[Remark]) -> str:
     """Why a cup is none of these points: causes with one remedy together."""
     remedies = dict.fromkeys(fault.remedy for fault in faults)
     alike = [(" and ".join(one.text for one in faults if one.remedy == remedy), remedy) for remedy in remedies]
-    return f"{ResultCode.UNLIKE.value}: {'. '.join(f'{causes}; {remedy}' for causes, remedy in alike)}"
+    said = [f"{causes}; {remedy}" for causes, remedy in alike]
+    return f"{ResultCode.UNLIKE.value}: {'. '.join([said[0], *(one[0].upper() + one[1:] for one in said[1:])])}"
