@@ -20,6 +20,8 @@ MILLIMETRES = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
 NAMES = {"mm": "millimetres", "cm": "centimetres", "in": "inches", "m": "metres"}
 WIRE_POSSIBLE, WIRE_USUAL = (80.0, 600.0), (140.0, 330.0)
 """Lengths of a wire, mm: of any that can be worn; of most."""
+LENGTH_OVER_SPAN = 1.5
+"""Length of a wire over the distance between its ends: 1.44 to 1.70 of 14."""
 DEPTH_POSSIBLE, DEPTH_USUAL = (130.0, 450.0), (190.0, 345.0)
 """Depth of a torso, mm: the smallest extent of a scan of one, arms and legs included or not."""
 DEPTH_RARE = (130.0, 480.0)

@@ -10,7 +10,7 @@ Lengths are taken as shares of the wire's. Measured on 21 shared and bundled sca
 | largest distance | 0.008 to 0.081 | above 0.12 | |
 | depth of the points before the wire's plane | 0.20 to 0.42 | below 0.1, above 0.6 | below 0.04, above 1 |
 | points farther behind that plane than 0.05 | none | above 2 % | above 20 % |
-| length of the wire | 186 to 290 mm | below 150, above 350 mm | see `brafit.landmarks.plausibility` |
+| length of the wire | 186 to 290 mm | below 150, above 350 mm | below 80, above 600 mm |
 | cup more than 0.1 away from all points, of landmarks proposed or mirrored | not above 15 % | above 15 % | above 30 % |
 | surface between wire and upper line without points | 0 to 4 %, scan_02 22 % | above 10 % | see `brafit.scan.load` |
 
@@ -26,6 +26,7 @@ from dataclasses import replace
 from brafit.anatomy.confidence import Bound, warning
 from brafit.fitting import CupFit, ResultCode
 from brafit.geometry.polyline import polyline_length
+from brafit.landmarks.plausibility import WIRE_LENGTH
 from brafit.remarks import Remark
 from brafit.report.uncovered import uncovered_share
 from brafit.scan import Scan
@@ -76,6 +77,7 @@ BOUNDS: Mapping[str, Bound] = {
     "wire": Bound(
         "the wire line is {value} long, wires are 150 to 350 mm",
         usual=(150.0, 350.0),
+        possible=WIRE_LENGTH,
         remedy="check the landmarks and their unit (scan.units): brafit-inspect draws them",
     ),
     "uncovered": Bound(

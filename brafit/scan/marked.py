@@ -16,6 +16,7 @@ from brafit.errors import InputError
 from brafit.geometry.polyline import polyline_length
 from brafit.landmarks.file import Landmarks, read_breasts
 from brafit.landmarks.units import (
+    LENGTH_OVER_SPAN,
     MILLIMETRES,
     NAMES,
     WIRE_POSSIBLE,
@@ -187,7 +188,7 @@ def _given(raw: Cloud, breasts: list[Landmarks], units: str | None) -> Marked:
     unit, found = _marks_unit(raw, breasts, units or declared)
     breasts = [marks.mapped(lambda p: p * MILLIMETRES[unit], units="mm") for marks in breasts]
     placed = np.concatenate([marks.positions() for marks in breasts])
-    lying = None if units or len(placed) <= 3 else cloud_unit(raw.points, placed)
+    lying = None if units or len(placed) < 2 else cloud_unit(raw.points, placed)
     of_cloud = units or raw.unit or lying or unit
     if of_cloud != unit and declared:
         says = f"its header says units {of_cloud!r}" if raw.unit else f"the cloud is in {NAMES[of_cloud]}"
@@ -207,21 +208,25 @@ def _given(raw: Cloud, breasts: list[Landmarks], units: str | None) -> Marked:
 
 
 def _check_said(cloud: Path, breasts: list[Landmarks], setting: str | None) -> None:
-    """Refuse a unit that was said and makes a wire too long for any, but that is right in another unit.
+    """Refuse a unit that was said and in which a wire, or the distance between its ends, is that of none, but that is
+    right in another unit. (A given wire that is too short is left to `brafit.landmarks.plausibility`.)
 
     Raises:
         InputError: names the setting or the landmark file, whichever says it.
     """
     said = setting or breasts[0].units
-    wire = next((marks.wire for marks in breasts if marks.wire is not None), None)
-    if said is None or wire is None:
+    wire, span = _wire_length(breasts), _span(breasts)
+    length = wire if wire is not None else span and span * LENGTH_OVER_SPAN
+    if said is None or length is None:
         return
-    length = polyline_length(wire)
     like = unit_of(length, WIRE_POSSIBLE, WIRE_USUAL)
-    long = length * MILLIMETRES[said]
-    if like is None or long <= WIRE_POSSIBLE[1]:
+    least, most = (0.0 if wire is not None else WIRE_POSSIBLE[0]), WIRE_POSSIBLE[1]
+    if like is None or least <= length * MILLIMETRES[said] <= most:
         return
-    is_so = f"the wire would be {long:.0f} mm long: it looks like {NAMES[like]}, not {NAMES[said]}"
+    would = f"the wire would be {length * MILLIMETRES[said]:.0f} mm long"
+    if wire is None and span is not None:
+        would = f"the wire's ends would be {span * MILLIMETRES[said]:.1f} mm apart"
+    is_so = f"{would}: it looks like {NAMES[like]}, not {NAMES[said]}"
     if setting:
         cause = f"scan.units={said}: {is_so}"
         raise InputError(cloud, cause, "Take scan.units away, and the units are found; or say the right one")
@@ -233,12 +238,34 @@ def _marks_unit(raw: Cloud, breasts: list[Landmarks], said: str | None) -> tuple
     """The landmark file's unit and what it was found from."""
     if said:
         return said, ""
-    wire = next((marks.wire for marks in breasts if marks.wire is not None), None)
-    if wire is not None:
-        return wire_unit(breasts[0].path, polyline_length(wire)), "the length of the wire"
-    if raw.unit:
-        return raw.unit, "its header"
-    return body_unit(raw.path, raw.points), "the depth of the body"
+    length, span = _wire_length(breasts), _span(breasts)
+    if length is not None:
+        return wire_unit(breasts[0].path, length), "the length of the wire"
+    unit = None if span is None else unit_of(span * LENGTH_OVER_SPAN, WIRE_POSSIBLE, WIRE_USUAL)
+    if unit is not None:
+        return unit, "the distance between the wire's ends"
+    of_cloud, found = (
+        (raw.unit, "its header") if raw.unit else (body_unit(raw.path, raw.points), "the depth of the body")
+    )
+    placed = np.concatenate([marks.positions() for marks in breasts])
+    lying = [unit for unit, factor in MILLIMETRES.items() if cloud_unit(raw.points, placed * factor) == of_cloud]
+    return (lying[0] if len(lying) == 1 else of_cloud), found
+
+
+def _wire_length(breasts: list[Landmarks]) -> float | None:
+    """Length of the wire that is given, in its file's unit; None without one."""
+    return next((polyline_length(marks.wire) for marks in breasts if marks.wire is not None), None)
+
+
+def _span(breasts: list[Landmarks]) -> float | None:
+    """Distance between the ends of a wire that is not given, in its file's unit; None if they are not marked either."""
+    for marks in breasts:
+        ends = [marks.points[name] for name in ("inner_end", "outer_end") if name in marks.points]
+        if len(ends) < 2 and marks.upper_line is not None:
+            ends = [marks.upper_line[0], marks.upper_line[-1]]
+        if len(ends) == 2:
+            return float(np.linalg.norm(ends[0] - ends[1]))
+    return None
 
 
 def _scaled(cloud: Cloud, unit: str) -> Whole:
