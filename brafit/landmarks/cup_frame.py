@@ -95,7 +95,7 @@ def runs_backwards(wire: Float[np.ndarray, "k 3"], side: str, front: Float[np.nd
 def _frame_and_line(wire: np.ndarray, side: str, front: np.ndarray, file: str | Path) -> tuple[CupFrame, np.ndarray]:
     """The cup frame, if the wire runs from its inner to its outer end, and the wire in even steps."""
     even = evenly_spaced(wire, 200)
-    y = _bow_chord(even, file)
+    y = chord_of(even, file)
     normal = np.linalg.svd(even - even.mean(axis=0), full_matrices=False)[2][2]
     z = normal - (normal @ y) * y
     z /= np.linalg.norm(z)
@@ -136,8 +136,16 @@ def _away(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.linalg.norm(one - other))
 
 
-def _bow_chord(wire: np.ndarray, file: str | Path) -> np.ndarray:
-    """Unit vector between the ends of a wire that is a bow: neither closed nor straight."""
+def chord_of(wire: Float[np.ndarray, "k 3"], file: str | Path) -> Float[np.ndarray, "3"]:
+    """The unit vector from end to end of a wire that is a bow.
+
+    Args:
+        wire: the wire line.
+        file: named in errors.
+
+    Raises:
+        InputError: it is closed, or straight.
+    """
     chord = wire[-1] - wire[0]
     span = float(np.linalg.norm(chord))
     length = polyline_length(wire)

@@ -13,10 +13,13 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.spatial.distance import cdist
 
 from brafit.cloud.read import FLAG, MIN_POINTS, Cloud
 from brafit.errors import ApartError, InputError, OtherUnitError
 from brafit.geometry.polyline import evenly_spaced, polyline_length
+from brafit.landmarks.cup_frame import chord_of
 from brafit.landmarks.fields import POINT_NAMES
 from brafit.landmarks.file import Landmarks
 from brafit.landmarks.units import NAMES, WIRE_USUAL, unit_of
@@ -39,14 +42,18 @@ ON_LINE, FAR_OFF = 10.0, 30.0
 """A marked point this near to a line (mm) lies on it, and this far from it on another. Of 18 scans strap points are on
 the upper line and wires' bottoms on the wire within 3, and 75 and more from the other."""
 TO_AND_FRO = 1.5
-"""A wire so many times as long as the line through the means of its neighbouring points is none: 1.0 of 14 breasts,
-below 1.3 where only four of their points are left."""
+"""A line so many times as long as that through the means of its neighbouring points is none: 1.0 of 14 breasts, below
+1.3 where only four of their points are left."""
+ROUNDABOUT, COARSE = 1.2, 0.04
+"""Nor is one so many times as long as the shortest tree that joins its points (1.00 of 18 breasts), taken at steps of
+so much of its size, within which a hand may tremble."""
 
 COVERED, COVERED_WITH_MARGIN = 1.5, 1.75
 """Largest size of a breast, and of one with its margin, over the length of a wire that is as flat as half of one. Of 14
 breasts 0.9 to 1.1 and 1.0 to 1.3 of the whole wire's length, but 1.8 to 2.3 and 2.1 to 2.6 of a half's."""
 BOW = 0.35
-"""Height over span from which on a wire is a whole one: 0.44 to 0.59 on those, 0.13 to 0.24 of halves."""
+"""Height over span from which on a wire is a whole one: 0.44 to 0.59 on those, 0.13 to 0.24 of halves. A line of which
+both halves are so is the wires of two breasts."""
 ONE_BREAST = 450.0
 """Largest diagonal (mm) of a cloud that holds one breast; those were up to 310 mm, torsos 890 or more."""
 
@@ -55,18 +62,22 @@ def check_scan(cloud: Cloud, landmarks: Landmarks) -> None:
     """Refuse a scan whose cloud and landmarks (both in millimetres) cannot be what they should be.
 
     Raises:
-        InputError: two marks in one place; wire of an impossible length, or whose points are not in order, or that is
-            the upper line; too few points flagged inside; a wire that covers only a part of the breast's line.
+        InputError: two marks in one place; a line whose points are not in order; a wire of an impossible length, that
+            is closed or straight, of two breasts, or the upper line, or that covers only a part of the breast's line; a
+            marked point away from the line on which it lies; too few points flagged inside.
         ApartError: cloud too small for the wire; wire or marks away from the cloud.
     """
     _check_distinct(landmarks)
+    for name, line in (("wire", landmarks.wire), ("upper_line", landmarks.upper_line)):
+        if line is not None:
+            _check_order(landmarks.path, name, line)
     if landmarks.wire is not None:
-        _check_not_swapped(landmarks, landmarks.wire)
         length = polyline_length(landmarks.wire)
-        _check_order(landmarks.path, landmarks.wire, length)
         _check_wire_length(landmarks.path, length)
+        _check_one_bow(landmarks.path, landmarks.wire)
         _check_cloud_size(cloud.path, cloud.points, length)
     _check_distances(landmarks, cloud)
+    _check_lines(landmarks)
     if landmarks.wire is not None:
         _check_covers(landmarks, cloud)
     if cloud.inside is not None:
@@ -102,28 +113,62 @@ def _check_distinct(landmarks: Landmarks) -> None:
             raise InputError(landmarks.path, cause, "Correct the one that is wrong, or leave it out")
 
 
-def _check_not_swapped(landmarks: Landmarks, wire: np.ndarray) -> None:
-    """Refuse a wire that is the upper line, and the other way round: marked points lie on the wrong one of them."""
-    upper = landmarks.upper_line
-    for name, own, other in (("strap_point", upper, wire), ("wire_bottom", wire, upper)):
+def _check_lines(landmarks: Landmarks) -> None:
+    """Refuse a marked point that is away from its line, lines that are swapped (the points then lie on the other one),
+    and an upper line that is the wire.
+    """
+    lines = {"wire": landmarks.wire, "upper_line": landmarks.upper_line}
+    even = {name: evenly_spaced(line, 400) for name, line in lines.items() if line is not None}
+    if len(even) == 2 and (apart := float(np.median(distances_to(*even.values(), np.inf)))) < ON_LINE:
+        cause = f"upper_line: it runs along the wire, {apart:.1f} mm from it, and leaves no cup between them"
+        raise InputError(
+            landmarks.path, cause, "Trace the upper edge: from the inner end by the strap to the outer end"
+        )
+    for name, own, other in (("strap_point", "upper_line", "wire"), ("wire_bottom", "wire", "upper_line")):
         point = landmarks.points.get(name)
-        if point is None or own is None or other is None:
+        if point is None or own not in even:
             continue
-        away, near = (float(distances_to(evenly_spaced(line, 400), point[None], np.inf)[0]) for line in (own, other))
-        if near < ON_LINE and away > FAR_OFF:
-            lines = ("upper_line", "wire") if name == "strap_point" else ("wire", "upper_line")
-            cause = f"wire and upper_line seem to be swapped: landmarks.{name} lies on {lines[1]}, {away:.0f} mm"
-            cause = f"{cause} from {lines[0]}"
-            raise InputError(landmarks.path, cause, "Let each stand under the other's name")
+        away = {line: float(distances_to(points, point[None], np.inf)[0]) for line, points in even.items()}
+        if away[own] <= FAR_OFF:
+            continue
+        if away.get(other, np.inf) < ON_LINE:
+            cause = f"wire and upper_line seem to be swapped: landmarks.{name} lies on {other}, {away[own]:.0f} mm"
+            raise InputError(landmarks.path, f"{cause} from {own}", "Let each stand under the other's name")
+        cause = f"landmarks.{name}: {away[own]:.0f} mm from {own}, on which it should lie"
+        raise InputError(landmarks.path, cause, f"Correct the point or {own}, or leave the one that is wrong out")
 
 
-def _check_order(file: Path, wire: np.ndarray, length: float) -> None:
-    """Refuse a line whose points jump to and fro."""
-    smooth = np.concatenate([wire[:1], (wire[:-2] + 2 * wire[1:-1] + wire[2:]) / 4, wire[-1:]])
-    plain = polyline_length(smooth)
-    if length > TO_AND_FRO * plain:
-        cause = f"wire: its points run to and fro: {length:.0f} mm from point to point, {plain:.0f} mm as a smooth line"
-        raise InputError(file, cause, "List them in order from the inner to the outer end, and without jumps")
+def _check_order(file: Path, name: str, line: np.ndarray) -> None:
+    """Refuse a line whose points jump to and fro, or stand in the wrong order."""
+    smooth = np.concatenate([line[:1], (line[:-2] + 2 * line[1:-1] + line[2:]) / 4, line[-1:]])
+    coarse = _coarse(line)
+    tree = float(minimum_spanning_tree(cdist(coarse, coarse)).sum())
+    for length, plain, most in (
+        (polyline_length(line), polyline_length(smooth), TO_AND_FRO),
+        (polyline_length(coarse), tree, ROUNDABOUT),
+    ):
+        if length > most * plain:
+            long = f"{length:.0f} mm from point to point, {plain:.0f} mm as a smooth line"
+            remedy = "List them in order from the inner to the outer end, and without jumps"
+            raise InputError(file, f"{name}: its points run to and fro: {long}", remedy)
+
+
+def _coarse(line: np.ndarray) -> np.ndarray:
+    """Those points of a line that are a step (`COARSE`) and more from the one before."""
+    step, kept = COARSE * float(np.linalg.norm(np.ptp(line, axis=0))), [line[0]]
+    for point in line[1:]:
+        if np.linalg.norm(point - kept[-1]) >= step:
+            kept.append(point)
+    return np.stack(kept)
+
+
+def _check_one_bow(file: Path, wire: np.ndarray) -> None:
+    """Refuse a wire that is closed or straight, or two bows, as of two breasts."""
+    even = evenly_spaced(wire, 201)
+    chord_of(even, file)
+    if min(_bow(even[:101]), _bow(even[100:])) >= BOW:
+        cause = "wire: it is two bows, as if the wires of both breasts were one line"
+        raise InputError(file, cause, "Give one breast's wire; both stand in breasts, each with its side")
 
 
 def _check_cloud_size(file: Path, points: np.ndarray, length: float) -> None:
@@ -145,6 +190,7 @@ def _check_distances(landmarks: Landmarks, cloud: Cloud) -> None:
     given = {name: line for name, line in lines.items() if line is not None} | marks
     if not given:
         return
+    given = {name: evenly_spaced(line, 100) if name in lines else line for name, line in given.items()}
     places = np.concatenate(list(given.values()))
     ends = np.cumsum([len(line) for line in given.values()])[:-1]
     for name, away in zip(given, np.split(distances_to(cloud.points, places, MARK_DISTANCE), ends), strict=True):

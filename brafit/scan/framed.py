@@ -12,7 +12,7 @@ from brafit.anatomy.confidence import Confidence
 from brafit.cloud.read import Cloud
 from brafit.errors import InputError, WrongWayError
 from brafit.landmarks.cup_frame import END_TOLERANCE, CupFrame, frame_from_wire, from_inner_end, runs_backwards
-from brafit.landmarks.file import Landmarks
+from brafit.landmarks.file import SIDES, Landmarks
 from brafit.landmarks.plausibility import check_scan
 from brafit.scan.marked import Marked
 from brafit.scan.wiring import Wiring
@@ -117,9 +117,15 @@ def frame_of(cloud: Cloud, marks: Landmarks) -> CupFrame:
     try:
         return frame_from_wire(line, marks.side, _front(cloud, marks), marks.path)
     except WrongWayError as error:
-        if marks.upper_line is None or {"strap_point", "wire_bottom"} & marks.points.keys():
-            raise
-        remedy = f"{error.remedy}, or exchange wire and upper_line, if each stands in the other's place"
+        remedy = error.remedy
+        if {"inner_end", "outer_end"} <= marks.points.keys():
+            other = SIDES[1 - SIDES.index(marks.side)]
+            remedy = (
+                f'The side is probably wrong: write "{other}", or exchange inner_end and outer_end, if they are swapped'
+            )
+            remedy = f"{remedy} (the inner end is the one towards the other breast)"
+        if marks.upper_line is not None and not {"strap_point", "wire_bottom"} & marks.points.keys():
+            remedy = f"{remedy}, or exchange wire and upper_line, if each stands in the other's place"
         raise WrongWayError(error.file, error.cause, remedy) from None
 
 

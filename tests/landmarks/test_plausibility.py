@@ -1,7 +1,8 @@
-"""A wire that covers only a part of a breast's line is called that."""
+"""Lines and points that cannot be a breast's are called what they are."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,8 @@ def test_half_a_wire(part: slice, flagged: bool):
 def marked(**changes) -> Landmarks:
     breast = cup_frame_landmarks()
     points = {name: np.array(place) for name, place in (breast["landmarks"] | changes.pop("points", {})).items()}
-    return Landmarks(Path("a.json"), "a", "left", changes.get("wire", breast["wire"]), None, points)
+    lines = (changes.get("wire", breast["wire"]), changes.get("upper_line"))
+    return Landmarks(Path("a.json"), "a", "left", *lines, points)
 
 
 def test_wires_whose_points_are_not_in_order_are_called_that():
@@ -48,6 +50,56 @@ def test_wires_whose_points_are_not_in_order_are_called_that():
     for wrong in (jumping, wire[np.random.default_rng(0).permutation(len(wire))]):
         with pytest.raises(InputError, match=r"a\.json: wire: its points run to and fro: .* List them in order"):
             check_scan(cloud, marked(wire=wrong))
+
+
+def test_lines_whose_parts_are_not_in_order_are_called_that():
+    """Each part is smooth, and its neighbours are near: the fit had gone on for a minute, to no likeness."""
+    cloud, breast = Cloud(Path("a.ply"), cup_frame_points(), None, None), cup_frame_landmarks()
+    check_scan(cloud, marked(upper_line=breast["upper_line"]))
+    check_scan(cloud, marked(upper_line=breast["upper_line"][[0, 10, 15, 30]]))
+    trembling = np.repeat(breast["wire"], 10, axis=0) + np.random.default_rng(0).normal(0, 0.5, (310, 3))
+    check_scan(cloud, marked(wire=trembling[np.arange(310) % 10 < 1]))
+    for name in ("wire", "upper_line"):
+        line = breast[name]
+        blocks = np.concatenate([line[:8], line[16:24], line[8:16], line[24:]])
+        crossing = np.concatenate([line[:20], line[18:8:-1], line[20:]])
+        for wrong in (blocks, crossing):
+            with pytest.raises(InputError, match=rf"a\.json: {name}: its points run to and fro: .* List them in order"):
+                check_scan(cloud, marked(**{name: wrong}))
+
+
+def test_wires_of_two_breasts_in_one_line_are_called_that():
+    wire = cup_frame_landmarks()["wire"]
+    both = np.concatenate([wire[::-1] * [1, -1, 1], wire + np.array([0, 20.0, 0])])
+    points = np.concatenate([cup_frame_points(), cup_frame_points() * [1, -1, 1]])
+    for line in (both, both[::-1], both[3:-3]):
+        with pytest.raises(InputError, match="wire: it is two bows, as if the wires of both breasts were one line"):
+            check_scan(cloud(points), landmarks(line))
+
+
+def test_a_closed_wire_is_called_that_whatever_the_size_of_the_cloud():
+    breast = cup_frame_landmarks()
+    closed = np.concatenate([breast["wire"], breast["upper_line"][::-1]])
+    with pytest.raises(InputError, match=r"wire: its ends are only 0\.0 mm apart on .* not round the breast"):
+        check_scan(cloud(cup_frame_points()), landmarks(closed))
+
+
+@pytest.mark.parametrize(("name", "line"), [("strap_point", "upper_line"), ("wire_bottom", "wire")])
+def test_points_away_from_the_line_on_which_they_lie_are_called_that(name, line):
+    breast = cup_frame_landmarks()
+    away = np.array(breast["landmarks"]["apex"]) - [0, 20.0, 0]
+    places = {"upper_line": breast["upper_line"], "points": {name: away}}
+    with pytest.raises(InputError, match=rf"landmarks\.{name}: \d+ mm from {line}, on which it should lie"):
+        check_scan(cloud(cup_frame_points()), marked(**places))
+
+
+def test_an_upper_line_that_is_no_upper_edge_is_called_that():
+    breast, points = cup_frame_landmarks(), cloud(cup_frame_points())
+    with pytest.raises(InputError, match=r"upper_line: it runs along the wire, 0\.0 mm from it, and leaves no cup"):
+        check_scan(points, marked(upper_line=breast["wire"][::-1]))
+    straight = np.array([[0, 0, 0], [0, RADIUS, 0], [0, 2 * RADIUS, 0]])  # two of its three points are on the skin
+    with pytest.raises(InputError, match="upper_line: nowhere near the cloud"):
+        check_scan(points, replace(marked(upper_line=straight), points={}))
 
 
 @pytest.mark.parametrize(("one", "other"), [("wire_bottom", "apex"), ("apex", "strap_point")])

@@ -151,7 +151,7 @@ def test_missing_cloud_and_missing_landmark_file(tmp_path):
         ),
         (
             {"upper_line": cup_frame_landmarks()["upper_line"] + [0, 0, 400]},
-            f"upper_line: nowhere near the cloud, 381 mm away from it. {TOGETHER}",
+            f"upper_line: nowhere near the cloud, 383 mm away from it. {TOGETHER}",
         ),
         (
             {"landmarks": {"apex": [65, 65, 300]}},
@@ -170,7 +170,8 @@ def test_missing_cloud_and_missing_landmark_file(tmp_path):
         (
             {"side": "right"},
             "side: for a right breast the wire runs the wrong way round, its bottom would be above its ends. "
-            'The side is probably wrong: write "left", or list the wire from its inner to its outer end.',
+            'The side is probably wrong: write "left", or exchange inner_end and outer_end, if they are swapped '
+            "(the inner end is the one towards the other breast).",
         ),
     ],
 )
