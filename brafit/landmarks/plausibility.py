@@ -58,8 +58,12 @@ ONE_BREAST = 450.0
 """Largest diagonal (mm) of a cloud that holds one breast; those were up to 310 mm, torsos 890 or more."""
 
 
-def check_scan(cloud: Cloud, landmarks: Landmarks) -> None:
+def check_scan(cloud: Cloud, landmarks: Landmarks) -> dict[str, float]:
     """Refuse a scan whose cloud and landmarks (both in millimetres) cannot be what they should be.
+
+    Returns:
+        how far each given line and marked point is from the cloud: root mean square, mm, where what is farther than
+        `MARK_DISTANCE` counts as that.
 
     Raises:
         InputError: two marks in one place; a line whose points are not in order; a wire of an impossible length, that
@@ -76,12 +80,13 @@ def check_scan(cloud: Cloud, landmarks: Landmarks) -> None:
         _check_wire_length(landmarks.path, length)
         _check_one_bow(landmarks.path, landmarks.wire)
         _check_cloud_size(cloud.path, cloud.points, length)
-    _check_distances(landmarks, cloud)
+    away = _distances(landmarks, cloud)
     _check_lines(landmarks)
     if landmarks.wire is not None:
         _check_covers(landmarks, cloud)
     if cloud.inside is not None:
         _check_flag(cloud.path, cloud.inside)
+    return away
 
 
 def is_one_breast(points: Float[np.ndarray, "n 3"], wire: Float[np.ndarray, "k 3"]) -> bool:
@@ -183,16 +188,18 @@ def _check_cloud_size(file: Path, points: np.ndarray, length: float) -> None:
         raise ApartError(file, cause, remedy)
 
 
-def _check_distances(landmarks: Landmarks, cloud: Cloud) -> None:
+def _distances(landmarks: Landmarks, cloud: Cloud) -> dict[str, float]:
+    """What `check_scan` returns; an `ApartError` if a line or a point lies too far away."""
     remedy = f"Check that the landmark file belongs to {cloud.path.name} and is in the same frame"
     lines = {"wire": landmarks.wire, "upper_line": landmarks.upper_line}
     marks = {f"landmarks.{name}": landmarks.points[name][None] for name in POINT_NAMES if name in landmarks.points}
     given = {name: line for name, line in lines.items() if line is not None} | marks
     if not given:
-        return
+        return {}
     given = {name: evenly_spaced(line, 100) if name in lines else line for name, line in given.items()}
     places = np.concatenate(list(given.values()))
     ends = np.cumsum([len(line) for line in given.values()])[:-1]
+    found = dict[str, float]()
     for name, away in zip(given, np.split(distances_to(cloud.points, places, MARK_DISTANCE), ends), strict=True):
         limit = WIRE_DISTANCE if name in lines else MARK_DISTANCE
         if np.median(away) > limit:
@@ -201,6 +208,8 @@ def _check_distances(landmarks: Landmarks, cloud: Cloud) -> None:
             if name in lines:
                 where = f"nowhere near the cloud, {far:.0f} mm away from it"
             raise ApartError(landmarks.path, f"{name}: {where}", remedy)
+        found[name] = float(np.sqrt(np.mean(np.minimum(away, MARK_DISTANCE) ** 2)))
+    return found
 
 
 def _check_covers(landmarks: Landmarks, cloud: Cloud) -> None:

@@ -11,6 +11,10 @@ Lengths are taken as shares of the wire's. Measured on 21 shared and bundled sca
 | depth of the points before the wire's plane | 0.20 to 0.42 | below 0.1, above 0.6 | below 0.04, above 1 |
 | points farther behind that plane than 0.05 | none | above 2 % | above 20 % |
 | length of the wire | 186 to 290 mm | below 150, above 350 mm | below 80, above 600 mm |
+| wire that was marked off the points, RMS | 0.003 to 0.009, scan_02 0.022 | above 0.03 | as the next |
+| upper line that was marked off them | 0.003 to 0.009 | above 0.025 | see `brafit.landmarks.plausibility` |
+| a marked point off them | 0.001 to 0.018, scan_08 0.040 | above 0.06 | the same |
+| height of the marked bust point over that of the breast | 0.92 to 0.99 | below 0.75, above 1.25 | |
 | cup more than 0.1 away from all points, of landmarks proposed or mirrored | not above 15 % | above 15 % | above 30 % |
 | surface between wire and upper line without points | 0 to 4 %, scan_02 22 % | above 10 % | see `brafit.scan.load` |
 
@@ -26,6 +30,7 @@ from dataclasses import replace
 from brafit.anatomy.confidence import Bound, warning
 from brafit.fitting import CupFit, ResultCode
 from brafit.geometry.polyline import polyline_length
+from brafit.landmarks.fields import POINT_NAMES
 from brafit.landmarks.plausibility import WIRE_LENGTH
 from brafit.remarks import Remark
 from brafit.report.uncovered import uncovered_share
@@ -42,6 +47,7 @@ ROUGH = 1.8
 """Scatter (mm) of cleaned points that alone puts a twentieth of them FAR from a cup (`brafit.fitting.loop`)."""
 LOOK = "look at the points and the lines with brafit-inspect"
 FAR = f"{LOOK}: they may not be one breast's, or the cup needs more panels (cup.panels)"
+_TRACED = f"check that the landmark file is this scan's, and mark on its skin: {LOOK}"
 
 
 BOUNDS: Mapping[str, Bound] = {
@@ -80,6 +86,22 @@ BOUNDS: Mapping[str, Bound] = {
         possible=WIRE_LENGTH,
         remedy="check the landmarks and their unit (scan.units): brafit-inspect draws them",
     ),
+    "wire_off": Bound(
+        "the wire line is {value} off the scan's points (root mean square)",
+        usual=(0.0, 0.03),
+        remedy=_TRACED,
+    ),
+    "upper_off": Bound(
+        "the upper line is {value} off the scan's points (root mean square)",
+        usual=(0.0, 0.025),
+        remedy=_TRACED,
+    ),
+    "marks_off": Bound("a marked point is {value} off the scan's points", usual=(0.0, 0.06), remedy=_TRACED),
+    "apex": Bound(
+        "the marked bust point is {value} as far out of the wire's plane as the breast is",
+        usual=(0.75, 1.25),
+        remedy=f"correct it, or leave it out: {LOOK}",
+    ),
     "uncovered": Bound(
         "the landmarks that nobody looked at are not plausible: {value} of their cup lies away from all points",
         usual=(0.0, 0.15),
@@ -92,8 +114,14 @@ BOUNDS: Mapping[str, Bound] = {
         remedy="scan the breast again, from below as well, or check wire and upper line with brafit-inspect",
     ),
 }
-_SHARES = ("behind", "gap", "uncovered")
+_SHARES = ("behind", "gap", "uncovered", "apex")
 _DISTANCES = ("rms", "p95", "max")
+_MARKED = {
+    "wire_off": ("wire",),
+    "upper_off": ("upper_line",),
+    "marks_off": tuple(f"landmarks.{name}" for name in POINT_NAMES),
+}
+"""Of each measure of what was marked by hand, the names in `Scan.away`."""
 
 
 def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
@@ -107,9 +135,16 @@ def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
     height = scan.points[:, 2] / length
     found = {key: fit.figures[f"{key}_mm"] / length for key in _DISTANCES}
     found |= {"depth": float(height.max()), "behind": float((height < -BEHIND).mean()), "wire": length}
+    found |= {key: max(off) / length for key, names in _MARKED.items() if (off := _away(scan, names))}
+    if scan.origin.marks == "given" and scan.apex is not None:
+        found["apex"] = float(scan.apex[2] / max(scan.dense[:, 2].max(), 1e-9))
     if scan.confidence is not None:
         found["uncovered"] = uncovered_share(fit.shape, scan.dense, AWAY * length)
     return found if scan.gap_share is None else found | {"gap": scan.gap_share}
+
+
+def _away(scan: Scan, names: Sequence[str]) -> list[float]:
+    return [away for name, away in scan.away.items() if name in names]
 
 
 def code_of(key: str) -> str:

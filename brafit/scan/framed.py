@@ -33,6 +33,7 @@ class Framed:
         own_wire: the wire line that the scan has itself, where a wire of a size is laid instead; in the scan's frame.
         lengths: see `Wired`.
         turned: the wire was given from its outer end; `marks` have it from the inner.
+        away: how far lines and marked points that are given lie from the cloud, see `check_scan`.
     """
 
     marks: Landmarks
@@ -45,6 +46,7 @@ class Framed:
     confidence: Confidence | None = None
     own_wire: Float[np.ndarray, "j 3"] | None = None
     lengths: Mapping[str, float] = field(default_factory=dict)
+    away: Mapping[str, float] = field(default_factory=dict)
 
     def mark(self, name: str) -> Float[np.ndarray, "3"] | None:
         """A marked point in the cup frame, if there is one."""
@@ -83,7 +85,7 @@ def framed(wiring: Wiring, side: str | None) -> Framed:
     marked = wiring.marked
     marks, marks_origin = marked.of(side)
     confidence = marked.confidence(marks, marks_origin)
-    check_scan(marked.cloud, marks)
+    away = check_scan(marked.cloud, marks)
     own = marks.wire if wiring.wire not in (None, "detect") else None
     wired = wiring.of(marks, marks_origin)
     marks, turned = inner_end_first(marked, wired.marks)
@@ -99,6 +101,7 @@ def framed(wiring: Wiring, side: str | None) -> Framed:
         confidence=confidence,
         own_wire=own,
         lengths=wired.lengths,
+        away=away if marks_origin == "given" else {},
     )
 
 

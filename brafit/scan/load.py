@@ -6,7 +6,7 @@ A load goes through stages, each a value made of the one before: `Cloud` (read),
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -66,6 +66,7 @@ class Scan:
         gap_share: share of the surface between wire and upper line without data; None without an upper line.
         confidence: how far landmarks can be trusted that nobody looked at; None for given ones.
         own_wire: the wire line that the scan has itself, where a wire of a size is laid instead.
+        away: how far lines and points that were marked by hand lie from the cloud, by name, mm (root mean square).
     """
 
     name: str
@@ -88,6 +89,7 @@ class Scan:
     gap_share: float | None = None
     confidence: Confidence | None = None
     own_wire: Float[np.ndarray, "j 3"] | None = None
+    away: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def curve(self) -> Float[np.ndarray, "c 3"] | None:
@@ -386,4 +388,5 @@ def _scan(
         gap_share=None if found is None else found.share,
         confidence=breast.confidence,
         own_wire=None if breast.own_wire is None else breast.frame.to_cup(breast.own_wire),
+        away=breast.away,
     )

@@ -13,6 +13,7 @@ import brafit
 from brafit.anatomy.confidence import Confidence
 from brafit.errors import InputError
 from brafit.fitting import CupFit, ResultCode
+from brafit.landmarks.file import landmarks_path, read_landmarks
 from brafit.remarks import Remark
 from brafit.report.row import fitted_row
 from brafit.run.fitting import fitted, target_of
@@ -23,6 +24,7 @@ from brafit.scan import Scan, load_scan
 from brafit.underwires.nearest import nearest_wire
 
 QUICK = ["experiment=quick"]
+MARKED = ("wire_off", "upper_off", "marks_off", "apex")
 ANGLE = np.linspace(0, np.pi, 40)
 WIRE = RADIUS * np.stack((np.sin(ANGLE), 1 - np.cos(ANGLE), 0 * ANGLE), -1)
 
@@ -76,6 +78,12 @@ def test_what_is_unusual_is_warned_of_and_what_is_impossible_fails(fit: CupFit, 
             along = scan.dense[scan.dense[:, 1].argsort()]
             cut = (replace(scan, dense=along[k:], confidence=Confidence("left", {})) for k in range(0, len(along), 100))
             return fit, next(less for less in cut if measures(fit, less)["uncovered"] > value)
+        if key.endswith("_off"):
+            name = {"wire_off": "wire", "upper_off": "upper_line", "marks_off": "landmarks.strap_point"}[key]
+            return fit, replace(scan, away={**scan.away, name: value * length})
+        if key == "apex":
+            assert scan.apex is not None
+            return fit, replace(scan, apex=scan.apex * [1, 1, value * scan.dense[:, 2].max() / scan.apex[2]])
         points = scan.points.copy()
         if key == "depth":
             points[:, 2] *= value * length / points[:, 2].max()
@@ -95,6 +103,27 @@ def test_what_is_unusual_is_warned_of_and_what_is_impossible_fails(fit: CupFit, 
         assert row["status"] == "failed"
         assert row["reason"].startswith("no likeness of the points: ")
         assert BOUNDS[key].remedy in row["reason"]
+
+
+def test_marks_that_are_off_the_skin_are_warned_of() -> None:
+    """The file of another breast, a wire that runs on into the air, a bust point at the foot of the breast."""
+
+    def unlike(**changes) -> set[str]:
+        scan = load_scan(path, landmarks=replace(own, **changes), points=300)
+        (found,) = fitted(recipe_of(QUICK), [scan])
+        return {told.code for told in found.warnings} & {f"unlike_{key}" for key in MARKED}
+
+    path, other = sample_paths()[1], read_landmarks(landmarks_path(sample_paths()[2]))
+    own = read_landmarks(landmarks_path(path))
+    assert own.wire is not None
+    assert other.wire is not None
+    assert not unlike()
+    moved = other.mapped(lambda places: places + (own.wire.mean(axis=0) - other.wire.mean(axis=0)))
+    assert unlike(wire=moved.wire, upper_line=moved.upper_line, points=moved.points)
+    onward = own.wire[-1] + np.outer(np.linspace(3, 60, 20), own.wire[-1] - own.wire[-2]) / 4
+    assert unlike(wire=np.concatenate([own.wire, onward]), upper_line=None, points={}) == {"unlike_wire_off"}
+    foot = {**own.points, "apex": own.points["wire_bottom"] + [0, 2, 9.0]}
+    assert unlike(points=foot) == {"unlike_apex"}
 
 
 def test_a_failed_fit_keeps_its_own_reason(fit: CupFit, scan: Scan) -> None:
