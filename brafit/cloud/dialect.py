@@ -45,8 +45,10 @@ def check_spelling(cell: str) -> None:
     """Refuse a cell that is a number to whoever reads it, but is spelt in a way that is not read.
 
     Raises:
-        RefusedError: it has marks of thousands, or a unit behind it.
+        RefusedError: it has marks of thousands, a unit behind it, or digits of another script or width.
     """
+    if any(sign.isdecimal() and not sign.isascii() for sign in cell):
+        raise RefusedError(f"{cell[:40]!r} has other digits than 0 to 9", "Export it with plain (half-width) digits")
     if _THOUSANDS.fullmatch(cell) or _NUMBER.fullmatch(cell.replace(".", "").replace(",", "")) is not None:
         raise RefusedError(f"{cell[:40]!r} has marks of thousands", "Export it without them, with decimal points")
     if _WITH_UNIT.fullmatch(cell):

@@ -16,7 +16,7 @@ from brafit.cloud.refusal import RefusedError
 
 SAMPLE = 200
 """Rows that tell how a file is written."""
-_COMMENTS = ("#", "//")
+_COMMENTS = ("#", "//", "%")
 _MARKS_OF_ORDER = {
     codecs.BOM_UTF32_LE: "utf-32",
     codecs.BOM_UTF32_BE: "utf-32",
@@ -158,7 +158,20 @@ def _head(path: Path, encoding: str) -> _Head:
         if (of := units_row(names_of(below))) is not None and len(of) == len(names):
             names, skipped = [f"{name} {unit}" for name, unit in zip(names, of, strict=True)], skipped + 1
     lines = [line for line in first[skipped + counted :] if count_of(line) is None and not is_empty(line)]
+    if names is None and not counted and _numbers_columns(lines):
+        skipped, lines = skipped + 1, lines[1:]
     return _Head(skipped, counted, comments, names, lines)
+
+
+def _numbers_columns(lines: Sequence[str]) -> bool:
+    """Whether the first line only numbers the columns from 0, as pandas does: `0,1,2`, with nothing above an index."""
+    mark = separator(lines)
+    if mark is None or len(lines) < 2:
+        return False
+    first, rows = cells_of(lines[0], mark), [cells_of(line, mark) for line in lines[1:]]
+    numbered = [cell for k, cell in enumerate(first) if cell or k]
+    whole = all(cell.lstrip("+-").isdigit() for row in rows for cell in row if is_number(cell))
+    return len(numbered) >= 3 and numbered == [str(k) for k in range(len(numbered))] and not whole
 
 
 def _names(line: str) -> list[str] | None:
@@ -218,7 +231,8 @@ def _in_order(numeric: list[int], rows: Sequence[Sequence[str]], normals: bool) 
     if len(numeric) < needed:
         others = [cell for cell in rows[0] if cell and not is_number(cell)]
         shown = f": {others[0][:40]!r} is no number" if others else ""
-        raise ValueError(f"{needed} columns of numbers are needed, it has {len(numeric)}{shown}")
+        remedy = "Export it as a table of plain numbers, a line a point: x y z"
+        raise RefusedError(f"{needed} columns of numbers are needed, it has {len(numeric)}{shown}", remedy)
     places = {"positions": tuple(numeric[:3])}
     return Columns({**places, "normals": tuple(numeric[3:6])} if normals else places)
 

@@ -28,7 +28,7 @@ def read_obj(path: Path) -> Mesh:
     coordinates, normals, groups, materials, points and lines say nothing about the surface and are passed over.
 
     Raises:
-        RefusedError: it holds curved surfaces, or names other files.
+        RefusedError: it holds curved surfaces, names other files, or counts vertices from 0.
         ValueError: with a short reason, if a line is not what it should be, a face names a vertex that there is not, or
             the faces are those of no surface (an OBJ says nowhere how many lines it should have).
         OSError: the file cannot be read.
@@ -101,6 +101,9 @@ def _faces(
     named = words.whole_numbers(which, until=b"/")
     corners = np.where(named < 0, np.repeat(before, sizes) + named, named - 1)
     wrong = np.flatnonzero((corners < 0) | (corners >= count))
+    if wrong.size and named.min() == 0 and named.max() == count - 1:
+        cause = "its faces count the vertices from 0, an OBJ counts them from 1"
+        raise RefusedError(cause, "Add 1 to every corner of its faces, or export it as a .ply")
     if wrong.size:
         at, stand = words.line(which[wrong[0]]), int(np.repeat(before, sizes)[wrong[0]])
         there = f"{stand} stand before it" if named[wrong[0]] < 0 else f"there are {count}, counted from 1"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from brafit.cloud.ply_rows import TYPES, Bytes, Element, Numbers, Property, Table, read_tables
 from brafit.cloud.polygons import Mesh, filled
 from brafit.cloud.refusal import RefusedError
+from brafit.cloud.words import in_utf8
 
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 """PLY's formats, and the order of bytes in each."""
@@ -46,7 +46,7 @@ def read_ply(path: Path) -> Mesh:
         ValueError: with a short reason, if the header is damaged or what follows is not what it promises.
         OSError: the file cannot be read.
     """
-    data = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    data = in_utf8(path.read_bytes())
     lines, start, before = _lines(data[:HEADER_BYTES])
     order, elements = _header(lines)
     body = Bytes(data[start:], order) if order else Numbers(data[start:], before)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from brafit.cloud.polygons import Mesh
-from brafit.cloud.words import Words, plain_lines
+from brafit.cloud.words import Words, in_utf8, plain_lines
 
 HEADER, RECORD = 84, 50
 """Bytes before the triangles of a binary STL, and of one triangle."""
@@ -35,8 +35,9 @@ def read_stl(path: Path) -> Mesh:
         OSError: the file cannot be read.
     """
     data = path.read_bytes()
-    text = b"\0" not in data[:512]
     exact = len(data) >= HEADER and len(data) == HEADER + RECORD * _count(data)
+    data = data if exact else in_utf8(data)
+    text = b"\0" not in data[:512]
     corners = _ascii(data) if text and not exact else _binary(data)
     return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
@@ -55,7 +56,8 @@ def _binary(data: bytes) -> Float[np.ndarray, "f 3 3"]:
     extra = len(data) - HEADER - RECORD * count
     if any(data[len(data) - extra :]):
         _check_end(whole, count, extra)
-    return whole[:count].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # what is no number is told where the faces are looked at
+        return whole[:count].astype(np.float64)
 
 
 def _check_end(whole: Float[np.ndarray, "r 3 3"], count: int, extra: int) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from brafit.cloud.arrays import MANY
 from brafit.cloud.dialect import Numbers, cells_of
 from brafit.cloud.layout import Layout, count_of, is_empty, layout_of, opened, said
 from brafit.cloud.refusal import RefusedError
@@ -29,10 +30,11 @@ def read_text(path: Path) -> dict[str, np.ndarray]:
     """Columns `positions` and, where the file has them, `normals`, `inside` and `unit`; numbers in float64.
 
     Cells are parted by blanks, tabs, semicolons, bars or commas, and may be quoted; numbers have decimal points or
-    commas. Lines that start with # or // are skipped, empty ones too. A line of names (see `columns_of`), which may be
-    such a comment, tells where things are, and maybe their unit. Without it the first three columns of numbers are the
-    position, of .xyzn the next three the normal; a first column that numbers the points is left out. A line of a
-    single number is the number of points that follow; several such blocks are one cloud.
+    commas. Lines that start with #, // or % are skipped, empty ones too. A line of names (see `columns_of`), which may
+    be such a comment, tells where things are, and maybe their unit. Without it the first three columns of numbers are
+    the position, of .xyzn the next three the normal; a first column that numbers the points is left out, as is a first
+    line that numbers the columns from 0. A line of a single number is the number of points that follow; several such
+    blocks are one cloud.
 
     Raises:
         ValueError: with a short reason, if it is no such table; a `RefusedError` if it could be read in two ways.
@@ -48,6 +50,10 @@ def read_text(path: Path) -> dict[str, np.ndarray]:
             found = _read_carefully(path, layout)
     except MemoryError:
         raise ValueError("it needs more memory than there is") from None
+    positions = found["positions"]
+    if layout.width > MANY and len(positions) in (3, 4):
+        cause = f"its table is {len(positions)} x {layout.width}: a point a column, not a point a row"
+        raise RefusedError(cause, "Save it transposed, a line a point")
     unit = layout.columns.unit
     return found if unit is None else {**found, "unit": np.array([unit])}
 
@@ -131,7 +137,8 @@ def _read_carefully(path: Path, layout: Layout) -> dict[str, np.ndarray]:
             except RefusedError as error:
                 raise RefusedError(f"line {number}: {error.cause}", error.remedy) from None
             except ValueError as error:
-                raise ValueError(f"line {number}: {error}") from None
+                remedy = "Correct that line or take it out, if it is no point; or export the cloud again"
+                raise RefusedError(f"line {number}: {error}", remedy) from None
     for k, block in enumerate(blocks):
         block.check(k == 0)
     table = np.array(values, dtype=np.float64).reshape(-1, len(wanted))

@@ -24,15 +24,20 @@ _NOT_A_NUMBER = re.compile(r"[-+]?1\.#\w+")
 """How programs on Windows write what is not a number: 1.#QNAN, -1.#IND."""
 
 
+def in_utf8(data: bytes) -> bytes:
+    """A text in UTF-8 without a mark of order, where it is in UTF-16 (as Windows PowerShell writes) or has a mark."""
+    if data.startswith(_UTF16):
+        data = data.decode("utf-16", errors="replace").encode()
+    return data.removeprefix(codecs.BOM_UTF8)
+
+
 def plain_lines(data: bytes, comment: bytes = b"", joining: bytes = b"") -> bytes:
     """Text with LF at the ends of its lines, without comments; lines that end with `joining` joined to the next.
 
     Raises:
         ValueError: it is no text.
     """
-    if data.startswith(_UTF16):
-        data = data.decode("utf-16", errors="replace").encode()
-    data = data.removeprefix(codecs.BOM_UTF8)
+    data = in_utf8(data)
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if comment and comment in data:

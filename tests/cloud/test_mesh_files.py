@@ -208,6 +208,25 @@ def test_what_is_wrong_in_an_stl_is_named(tmp_path):
     assert "stands where 'vertex' should" in reason(path, b"\n".join(lines[:4] + lines[5:]))
 
 
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".obj", ".off"])
+def test_meshes_in_utf16_are_read(tmp_path, suffix):
+    """As PowerShell writes what a program prints; an STL was said to be cut off, with a count of millions."""
+    vertices, faces = breast()
+    path, other = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
+    kind = {".ply": {"encoding": "ascii"}, ".stl": {"file_type": "stl_ascii"}}.get(suffix, {})
+    trimesh.Trimesh(vertices, faces, process=False).export(path, **kind)
+    other.write_bytes(path.read_bytes().decode().encode("utf-16"))
+    one, two = READERS[suffix](path), READERS[suffix](other)
+    np.testing.assert_array_equal(one.vertices, two.vertices)
+    np.testing.assert_array_equal(one.triangles, two.triangles)
+
+
+def test_an_obj_that_counts_from_0_is_called_that(tmp_path):
+    vertices, faces = breast()
+    text = obj_text(vertices, faces - 1)
+    assert reason(tmp_path / "a.obj", text) == "its faces count the vertices from 0, an OBJ counts them from 1"
+
+
 def ply(*body: str, faces: int = 1, extra: str = "") -> str:
     head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
     corners = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"

@@ -226,6 +226,46 @@ def test_what_is_no_number_is_shown_where_columns_are_missing(tmp_path: Path) ->
     assert "3 columns of numbers are needed, it has 1: '[" in line
 
 
+def test_a_line_that_is_no_point_is_no_damage(tmp_path: Path) -> None:
+    """A line of means below the points, brackets about them, full-width digits: the copy is complete all the same."""
+    points = rows(mark=",")
+    below = refusal(tmp_path / "a.csv", "\n".join([*points, "Mittelwert,,"]))
+    line = f"(line {len(points) + 1}: 'Mittelwert' is no number). Correct that line or take it out"
+    assert line in below
+    listed = refusal(tmp_path / "a.txt", "\n".join(f"[{row}]" for row in points))
+    wide = "\n".join(points).translate(dict(zip(map(ord, "0123456789"), "０１２３４５６７８９", strict=True)))
+    digits = refusal(tmp_path / "b.csv", f"x,y,z\n{wide}")
+    assert "has other digits than 0 to 9). Export it with plain (half-width) digits" in digits
+    assert not any("damaged" in told for told in (below, listed, digits))
+
+
+def test_points_in_columns_are_called_that(tmp_path: Path) -> None:
+    """As `numpy.savetxt` writes an array of 3 x n: a cloud of three points, it was said."""
+    for mark in (" ", ","):
+        columns = "\n".join(mark.join(f"{value:.18e}" for value in column) for column in POINTS.T)
+        line = refusal(tmp_path / "a.txt", columns)
+        assert f"(its table is 3 x {COUNT}: a point a column, not a point a row). Save it transposed" in line
+
+
+@pytest.mark.parametrize("index", [True, False])
+def test_columns_that_pandas_numbers_are_no_point(tmp_path: Path, index: bool) -> None:
+    """`DataFrame(points).to_csv()`: the index was read as x, x as y."""
+    path = tmp_path / "a.csv"
+    before = [f"{k}," if index else "" for k in range(COUNT)]
+    lines = ["," * index + "0,1,2", *map("".join, zip(before, rows(mark=","), strict=True))]
+    path.write_text("\n".join(lines))
+    np.testing.assert_array_equal(read_text(path)["positions"], POINTS.round(3))
+    whole = ["0,1,2", *(f"{k},{k % 7},{k % 5}" for k in range(COUNT))]  # whole numbers: a point as any other
+    path.write_text("\n".join(whole))
+    assert len(read_text(path)["positions"]) == COUNT + 1
+
+
+def test_lines_that_begin_with_a_per_cent_sign_are_comments(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("\n".join(["% written by Octave", "% x y z [mm]", *rows()]))
+    np.testing.assert_array_equal(read_text(path)["positions"], POINTS.round(3))
+
+
 def blocks(*sizes: int, counts: tuple[int, ...] | None = None) -> str:
     """A PTS file of several scans, with intensity and colour."""
     lines = iter(rows(more=" -500 1 2 3"))
