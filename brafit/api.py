@@ -62,12 +62,17 @@ def fit(
     from brafit.scan import Scan, load_scan
 
     settings = _listed(settings)
+    if name is not None and not isinstance(name, str):
+        raise InputError("name", f"{_shown(name)} is no text", f'Give a text: name="{_shown(name)}"')
     recipe = recipe_of(settings)
     arrays = {"wire": wire, "neckline": neckline, "strap_point": strap_point, "apex": apex, "inside": inside}
     if isinstance(points, Scan | str | Path):
         own = [text.partition("=")[0] for text in settings if text.startswith("scan.")]
         loaded = {"side": side, **dict.fromkeys(own, True)} if isinstance(points, Scan) else {}
         _refuse_beside(points, arrays | loaded)
+        if not isinstance(points, Scan) and Path(points).is_dir():
+            remedy = "Name one of its files, or call it for each of them"
+            raise InputError(points, "is a folder, and brafit.fit takes one cloud", remedy)
         scan = points if isinstance(points, Scan) else load_scan(points, side=side, **recipe.scan)
         scan = scan if name is None else replace(scan, name=name)
     else:
@@ -138,9 +143,7 @@ def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str,
         raise InputError("side", f"{side!r} is neither 'left' nor 'right'", "Name the wearer's side")
     cloud = _points("points", points, MIN_POINTS)
     marks = _marks(arrays, side, name)
-    flag = None if arrays["inside"] is None else np.asarray(arrays["inside"]).astype(bool).reshape(-1)
-    if flag is not None and len(flag) != len(cloud):
-        raise InputError("inside", f"has {len(flag)} entries for {len(cloud)} points", "Give one a point")
+    flag = None if arrays["inside"] is None else _flag(arrays["inside"], len(cloud))
     given = {key: value for key, value in settings.items() if key not in (*READING, "propose")}
     given["units"] = given.get("units") or "mm"
     try:
@@ -176,10 +179,10 @@ def _refuse_beside(points: Scan | str | Path, given: Mapping[str, Any]) -> None:
 
 
 def _points(name: str, values: ArrayLike, least: int) -> np.ndarray:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(name, f"is no array of numbers ({error})", "Give an array of shape (n, 3)") from None
+    array = _numbers(name, values, "(n, 3)")
+    if array.ndim == 2 and array.shape[1] != 3 == array.shape[0]:
+        remedy = "Give it transposed, a point a row: (n, 3)"
+        raise InputError(name, f"has the shape {array.shape}: a point a column", remedy)
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(name, f"has the shape {array.shape}", "Give an array of shape (n, 3)")
     if not np.isfinite(array).all():
@@ -190,4 +193,36 @@ def _points(name: str, values: ArrayLike, least: int) -> np.ndarray:
 
 
 def _mark(name: str, values: ArrayLike) -> np.ndarray:
-    return _points(name, np.asarray(values, dtype=np.float64).reshape(1, -1), 1)[0]
+    array = _numbers(name, values, "(3,)").reshape(-1)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InputError(name, f"is {_shown(values)}, not three finite numbers", "Give an array of shape (3,)")
+    return array
+
+
+def _flag(values: ArrayLike, count: int) -> np.ndarray:
+    """The flag of each point."""
+    array = _numbers("inside", values, "(n,)").reshape(-1)
+    if len(array) != count:
+        raise InputError("inside", f"has {len(array)} entries for {count} points", "Give one a point")
+    if not np.isfinite(array).all():
+        raise InputError("inside", "has entries that are neither true nor false", "Give true or false for each point")
+    return array.astype(bool)
+
+
+def _numbers(name: str, values: Any, shape: str) -> np.ndarray:
+    """An array or the like in float64; what it masks is nan."""
+    remedy = f"Give an array of shape {shape}"
+    if getattr(values, "requires_grad", False):
+        remedy = f"Give {name}.detach(); derivatives by points and marks are those of brafit.layer"
+        raise InputError(name, "is a tensor with derivatives, which brafit.fit does not give", remedy)
+    try:
+        plain = np.ma.asarray(values.detach().cpu() if hasattr(values, "detach") else values)
+        if plain.dtype.kind == "c":
+            raise InputError(name, "has complex numbers", remedy)
+        return np.ma.filled(plain.astype(np.float64), np.nan)
+    except (TypeError, ValueError) as error:
+        raise InputError(name, f"is no array of numbers ({error})", remedy) from None
+
+
+def _shown(values: Any) -> str:
+    return " ".join(str(values).split())[:60]

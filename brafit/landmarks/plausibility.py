@@ -124,7 +124,9 @@ def _check_lines(landmarks: Landmarks) -> None:
     """
     lines = {"wire": landmarks.wire, "upper_line": landmarks.upper_line}
     even = {name: evenly_spaced(line, 400) for name, line in lines.items() if line is not None}
-    if len(even) == 2 and (apart := float(np.median(distances_to(*even.values(), np.inf)))) < ON_LINE:
+    wire, upper = even.get("wire"), even.get("upper_line")
+    apart = np.inf if wire is None or upper is None else float(np.median(distances_to(wire, upper, np.inf)))
+    if apart < ON_LINE:
         cause = f"upper_line: it runs along the wire, {apart:.1f} mm from it, and leaves no cup between them"
         raise InputError(
             landmarks.path, cause, "Trace the upper edge: from the inner end by the strap to the outer end"

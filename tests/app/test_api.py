@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from lunes import RADIUS, sphere_points
 
 import brafit
@@ -144,6 +145,16 @@ def test_settings_are_the_commands() -> None:
             r"points: the whole cloud is only 0\.\d+ mm across, its wire is 2\d\d mm long\. "
             r"Give points and marks in one frame and one unit\.$",
         ),
+        (BALL.T, WIRE, "left", r"points: has the shape \(3, \d+\): a point a column\. Give it transposed"),
+        (BALL, WIRE.T, "left", r"wire: has the shape \(3, \d+\): a point a column\. Give it transposed"),
+        (BALL + 0j, WIRE, "left", r"points: has complex numbers\. Give an array of shape \(n, 3\)"),
+        (np.ma.masked_less(BALL, 1), WIRE, "left", r"points: has numbers that are not finite\. Leave"),
+        (
+            torch.from_numpy(BALL).requires_grad_(),
+            WIRE,
+            "left",
+            r"points: is a tensor with derivatives, .*\.detach\(\)",
+        ),
         (BALL, WIRE, "right", "runs the wrong way round.*give brafit.fit the scan"),
     ],
 )
@@ -151,6 +162,47 @@ def test_wrong_arrays_are_refused_in_one_line(points, wire, side: str, words: st
     with pytest.raises(InputError, match=words) as caught:
         brafit.fit(points, wire=wire, side=side)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"apex": [1, 2]}, r"apex: is \[1, 2\], not three finite numbers\. Give an array of shape \(3,\)"),
+        ({"apex": [np.nan] * 3}, "apex: is .nan, nan, nan., not three finite numbers"),
+        ({"strap_point": "apex"}, "strap_point: is no array of numbers"),
+        ({"inside": np.full(len(BALL), np.nan)}, "inside: has entries that are neither true nor false"),
+        ({"inside": [True] * 5}, "inside: has 5 entries for"),
+        ({"name": 5}, 'name: 5 is no text. Give a text: name="5"'),
+    ],
+)
+def test_what_is_given_beside_points_is_refused_in_one_line(changes, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        brafit.fit(BALL, wire=WIRE, **changes)
+
+
+def test_points_may_be_any_kind_of_array() -> None:
+    """In whatever order of bytes, precision, or library."""
+    expected = load_points(BALL)
+    single = BALL.astype(np.float32)
+    for points in (BALL.tolist(), np.asfortranarray(BALL), BALL.astype(">f8"), BALL.astype(object), torch.tensor(BALL)):
+        np.testing.assert_array_equal(load_points(points), expected)
+    np.testing.assert_array_equal(load_points(torch.tensor(single)), load_points(single.astype(float)))
+    fixed = BALL.copy()
+    fixed.flags.writeable = False
+    np.testing.assert_array_equal(load_points(fixed), expected)
+
+
+def load_points(points) -> np.ndarray:
+    """What becomes of points before they are fitted."""
+    from brafit.api import _scan_of
+
+    none = dict.fromkeys(("neckline", "strap_point", "apex", "inside"))
+    return _scan_of(points, {"wire": WIRE, **none}, "left", "cup", {"points": 300}).points
+
+
+def test_a_folder_is_no_cloud(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"is a folder, and brafit\.fit takes one cloud\. Name one of its files"):
+        brafit.fit(tmp_path)
 
 
 def test_a_folder_that_cannot_be_made_is_refused_in_one_line(fitted: Result, tmp_path: Path) -> None:

@@ -59,7 +59,8 @@ def test_units_of_two_marks_on_a_body_are_found_by_how_they_lie(of_marks, of_clo
     box = np.random.default_rng(0).uniform((-200, 900, -130), (200, 1500, 130), (4000, 3))
     box[::2, 2] = 130.0
     skin = box[::2][:2]
-    points = dict(zip(("apex", "strap_point"), skin / MILLIMETRES[of_marks], strict=True))
+    apex, strap = skin / MILLIMETRES[of_marks]
+    points = {"apex": apex, "strap_point": strap}
     landmarks = Landmarks(Path("a.json"), "a", "left", None, None, points)
     cloud = Cloud(Path("a.ply"), box / MILLIMETRES[of_cloud], None, None)
     found = with_marks(cloud, landmarks, None, propose=False).units

@@ -118,7 +118,8 @@ def test_marks_that_are_off_the_skin_are_warned_of() -> None:
     assert own.wire is not None
     assert other.wire is not None
     assert not unlike()
-    moved = other.mapped(lambda places: places + (own.wire.mean(axis=0) - other.wire.mean(axis=0)))
+    over = own.wire.mean(axis=0) - other.wire.mean(axis=0)
+    moved = other.mapped(lambda places: places + over)
     assert unlike(wire=moved.wire, upper_line=moved.upper_line, points=moved.points)
     onward = own.wire[-1] + np.outer(np.linspace(3, 60, 20), own.wire[-1] - own.wire[-2]) / 4
     assert unlike(wire=np.concatenate([own.wire, onward]), upper_line=None, points={}) == {"unlike_wire_off"}
