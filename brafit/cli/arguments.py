@@ -43,13 +43,23 @@ def prepared(arguments: Sequence[str]) -> list[str]:
     if "=" in paths:
         raise ConfigError("a setting is written without spaces: key=value, as in cup.panels=3")
     for path in paths:
-        if path in _names() and not Path(path).exists():
-            raise ConfigError(f"{path}: there is no such file or folder; a setting needs its value: {path}=VALUE")
+        if (name := _setting_meant(path)) and not Path(path).exists():
+            value = path[len(name) :].lstrip(" :") or "VALUE"
+            raise ConfigError(f"{path}: there is no such file or folder; a setting needs its value: {name}={value}")
         if named and not Path(path).exists():
             raise ConfigError(f"{path}: there is no such file or folder, and it is no setting of the form key=value")
         if named:
             raise ConfigError(f"{path} and {named} both name scans; write one list: brafit PATH PATH ...")
     return [*readable_settings(settings), *[f"scans={listed(paths)}"] * bool(paths), *options]
+
+
+def _setting_meant(word: str) -> str:
+    """The setting whose name a word is, maybe with a colon and a value behind it; empty if it is none."""
+    name = re.split(r"[:\s]", word, maxsplit=1)[0]
+    if name in _names():
+        return name
+    group, dot, _ = name.partition(".")
+    return name if dot and group in _names() and name in settings_called(name) else ""
 
 
 def _check_option(word: str) -> None:

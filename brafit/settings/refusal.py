@@ -10,11 +10,16 @@ from importlib import resources
 from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
+from brafit.settings.quoting import TEXTS
+
 Known = Callable[[], DictConfig]
 """Gives the settings that exist, with the choices of groups that were made."""
 KINDS = {"Integer": "a whole number", "Float": "a number", "Boolean": "true or false"}
 EXTRAS = {"joblib": "joblib", "ray": "ray", "submitit": "slurm"}
 """Of each launcher's package, the extra of brafit that brings it."""
+_UNIT = re.compile(r"[-+]?[\d.]+\s*(mm|cm|in|inch|%)")
+"""A number with a unit behind it."""
+_LENGTHS = ": lengths are in mm"
 _KEY = r"[A-Za-z_][\w./@-]*"
 
 
@@ -55,10 +60,7 @@ def refusal(error: BaseException, overrides: Sequence[str], known: Known) -> str
         form = "write key=value; a value with brackets and the like needs quotes of its own: \"key='a[1]'\""
         return f"'{error.override}' cannot be read: {form}"
     if match := re.match(r"Ambiguous value for argument '(.*?)=(.*)'", text):
-        setting = OmegaConf.select(known(), match[1], throw_on_resolution_failure=False)
-        several = match[1] == "scans" or OmegaConf.is_list(setting)
-        choice = f", or write a list: {match[1]}=[{match[2]}]" * several
-        return f"{match[1]}={match[2]}: several values; add -m to run each in turn{choice}"
+        return _several(match[1], match[2], known)
     if match := re.match(r"Sweep parameters '(.*)' requires --multirun", text):
         return f"{match[1]}: several values; add -m to run each in turn"
     if match := re.match(r"Could not override '(([^'@]+)@[^']*)'", text):
@@ -71,6 +73,17 @@ def refusal(error: BaseException, overrides: Sequence[str], known: Known) -> str
     if text.startswith("Config group override must be a string or a list"):
         return _plain_choice(overrides)
     return _value_refused(cause, overrides, known) or " ".join(str(cause).split()) or type(cause).__name__
+
+
+def _several(key: str, value: str, known: Known) -> str:
+    """What to say of a value with a comma: of several values, a list, a decimal comma, or a path with a comma in it."""
+    setting = OmegaConf.select(known(), key, throw_on_resolution_failure=False)
+    told = f"{key}={value}: several values; add -m to run each in turn"
+    if isinstance(setting, float) and (decimal := re.fullmatch(r"([-+]?\d+),(\d+)", value)):
+        return f"{told}, or write a decimal point: {key}={decimal[1]}.{decimal[2]}"
+    if key == "scans" or OmegaConf.is_list(setting):
+        return f"{told}, or write a list: {key}=[{value}]"
+    return f"{told}, or quote it, if the comma is a part of it: \"{key}='A,B'\"" if key in TEXTS else told
 
 
 def missing_launcher(package: str, overrides: Sequence[str]) -> str:
@@ -96,7 +109,8 @@ def unknown_setting(key: str, known: Known, mark: str = "") -> str:
     meant = difflib.get_close_matches(last, names, n=1)
     found = [f"{parent}.{name}" if parent else name for name in meant] or _elsewhere(tree, last)
     dotted = key.replace("/", ".")
-    found = [dotted] if dotted != key and _exists(tree, dotted) else found
+    alike = next((name for name in (dotted, dotted.strip().lower()) if name != key and _exists(tree, name)), None)
+    found = [alike] if alike else found
     hint = f"did you mean {found[0]}? " if found else ""
     return f"unknown setting '{mark}{key}'; {hint}allowed{f' in {parent}' if parent else ''}: {', '.join(names)}"
 
@@ -124,7 +138,9 @@ def _value_refused(cause: BaseException, overrides: Sequence[str], known: Known)
     if below and not isinstance(OmegaConf.select(known(), key), DictConfig):
         return unknown_setting(below, known)
     if match := re.match(r"Value '(.*)' of type '\w+' could not be converted to (\w+)", text):
-        return f"{key}={match[1]}: must be {KINDS.get(match[2], match[2])}"
+        unit = _UNIT.fullmatch(match[1])
+        without = f", without {unit[1]!r}{_LENGTHS * (unit[1] != '%')}" if unit else ""
+        return f"{key}={match[1]}: must be {KINDS.get(match[2], match[2])}{without}"
     if match := re.match(r"Value '([^\[].*)' is not a valid bool", text):
         return f"{key}={match[1]}: must be true or false"
     if match := re.match(r"Value '(\[.*\])' is not a valid bool|Cannot convert 'list' to string: '(\[.*\])'", text):

@@ -51,6 +51,10 @@ def test_what_can_be_read_or_is_broken_stays_as_it_is(setting: str) -> None:
     assert readable(setting) == setting
 
 
+def test_a_file_that_begins_like_a_setting_is_a_file() -> None:
+    assert prepared(["scan.ply"]) == ["scans=scan.ply"]
+
+
 def test_items_are_quoted_one_by_one() -> None:
     assert value("scans=[Müller (1).ply, b.ply]") == ["Müller (1).ply", "b.ply"]
     sweep = OverridesParser.create().parse_override(readable("scans=Müller.ply,b.ply"))
@@ -100,6 +104,11 @@ def test_options_with_values_are_those_of_hydra() -> None:
         (["FOLDER", "scans=x"], "FOLDER: there is no such file or folder"),
         ([".", "scans=x"], "both name scans"),
         (["restarts"], "restarts=VALUE"),
+        (
+            ["cup.panels", "3"],
+            "cup.panels: there is no such file or folder; a setting needs its value: cup.panels=VALUE",
+        ),
+        (["cup.panels:3"], "a setting needs its value: cup.panels=3"),
         (["--out", "x"], "write out=VALUE"),
         (["--panels=3"], "--panels=3: settings have no dashes, write cup.panels=3"),
         (["--cup.panels=3"], "settings have no dashes, write cup.panels=3"),
