@@ -62,17 +62,13 @@ def fit(
     from brafit.scan import Scan, load_scan
 
     settings = _listed(settings)
-    if name is not None and not isinstance(name, str):
-        raise InputError("name", f"{_shown(name)} is no text", f'Give a text: name="{_shown(name)}"')
     recipe = recipe_of(settings)
     arrays = {"wire": wire, "neckline": neckline, "strap_point": strap_point, "apex": apex, "inside": inside}
+    _check_named(points, name)
     if isinstance(points, Scan | str | Path):
         own = [text.partition("=")[0] for text in settings if text.startswith("scan.")]
         loaded = {"side": side, **dict.fromkeys(own, True)} if isinstance(points, Scan) else {}
         _refuse_beside(points, arrays | loaded)
-        if not isinstance(points, Scan) and Path(points).is_dir():
-            remedy = "Name one of its files, or call it for each of them"
-            raise InputError(points, "is a folder, and brafit.fit takes one cloud", remedy)
         scan = points if isinstance(points, Scan) else load_scan(points, side=side, **recipe.scan)
         scan = scan if name is None else replace(scan, name=name)
     else:
@@ -128,6 +124,15 @@ def _listed(settings: str | Sequence[str]) -> Sequence[str]:
         form = 'must be a list of key=value, such as ["cup.panels=3", "restarts=6"]'
         raise ConfigError(f"settings: {form}, not {str(listed)[:80]}")
     return listed
+
+
+def _check_named(points: Any, name: Any) -> None:
+    """Refuse a folder, and a name that is none."""
+    if isinstance(points, str | Path) and Path(points).is_dir():
+        remedy = "Name one of its files, or call it for each of them"
+        raise InputError(points, "is a folder, and brafit.fit takes one cloud", remedy)
+    if name is not None and not isinstance(name, str):
+        raise InputError("name", f"{_shown(name)} is no text", f'Give a text: name="{_shown(name)}"')
 
 
 def _scan_of(points: ArrayLike, arrays: Mapping[str, Any], side: str, name: str, settings: Mapping[str, Any]) -> Scan:

@@ -23,7 +23,7 @@ from brafit.landmarks.cup_frame import chord_of
 from brafit.landmarks.fields import POINT_NAMES
 from brafit.landmarks.file import Landmarks
 from brafit.landmarks.units import NAMES, WIRE_USUAL, unit_of
-from brafit.surface.neighbours import distances_to
+from brafit.surface.neighbours import apart, distances_to
 
 WIRE_LENGTH = (80.0, 600.0)
 """Lengths of a wire, mm."""
@@ -41,6 +41,10 @@ DISTINCT = 8.0
 ON_LINE, FAR_OFF = 10.0, 30.0
 """A marked point this near to a line (mm) lies on it, and this far from it on another. Of 18 scans strap points are on
 the upper line and wires' bottoms on the wire within 3, and 75 and more from the other."""
+SPARSE = 2.0
+"""A place of the skin that was scanned is at most so many times as far from a point as points are from one another."""
+PARTLY = 0.25
+"""Share of a line on the cloud from which on it is the rest that is told."""
 TO_AND_FRO = 1.5
 """A line so many times as long as that through the means of its neighbouring points is none: 1.0 of 14 breasts, below
 1.3 where only four of their points are left."""
@@ -62,8 +66,8 @@ def check_scan(cloud: Cloud, landmarks: Landmarks) -> dict[str, float]:
     """Refuse a scan whose cloud and landmarks (both in millimetres) cannot be what they should be.
 
     Returns:
-        how far each given line and marked point is from the cloud: root mean square, mm, where what is farther than
-        `MARK_DISTANCE` counts as that.
+        how far each given line and marked point is off the cloud: root mean square, mm, where what is farther than
+        `MARK_DISTANCE` counts as that; less what the distance between the cloud's points explains.
 
     Raises:
         InputError: two marks in one place; a line whose points are not in order; a wire of an impossible length, that
@@ -112,9 +116,9 @@ def _check_wire_length(file: Path, length: float) -> None:
 
 def _check_distinct(landmarks: Landmarks) -> None:
     for one, other in itertools.combinations(landmarks.points, 2):
-        apart = float(np.linalg.norm(landmarks.points[one] - landmarks.points[other]))
-        if apart < DISTINCT:
-            cause = f"landmarks.{one} and landmarks.{other} are {apart:.1f} mm apart, which are two different places"
+        between = float(np.linalg.norm(landmarks.points[one] - landmarks.points[other]))
+        if between < DISTINCT:
+            cause = f"landmarks.{one} and landmarks.{other} are {between:.1f} mm apart, which are two different places"
             raise InputError(landmarks.path, cause, "Correct the one that is wrong, or leave it out")
 
 
@@ -125,9 +129,9 @@ def _check_lines(landmarks: Landmarks) -> None:
     lines = {"wire": landmarks.wire, "upper_line": landmarks.upper_line}
     even = {name: evenly_spaced(line, 400) for name, line in lines.items() if line is not None}
     wire, upper = even.get("wire"), even.get("upper_line")
-    apart = np.inf if wire is None or upper is None else float(np.median(distances_to(wire, upper, np.inf)))
-    if apart < ON_LINE:
-        cause = f"upper_line: it runs along the wire, {apart:.1f} mm from it, and leaves no cup between them"
+    between = np.inf if wire is None or upper is None else float(np.median(distances_to(wire, upper, np.inf)))
+    if between < ON_LINE:
+        cause = f"upper_line: it runs along the wire, {between:.1f} mm from it, and leaves no cup between them"
         raise InputError(
             landmarks.path, cause, "Trace the upper edge: from the inner end by the strap to the outer end"
         )
@@ -201,17 +205,33 @@ def _distances(landmarks: Landmarks, cloud: Cloud) -> dict[str, float]:
     given = {name: evenly_spaced(line, 100) if name in lines else line for name, line in given.items()}
     places = np.concatenate(list(given.values()))
     ends = np.cumsum([len(line) for line in given.values()])[:-1]
-    found = dict[str, float]()
+    found, explained = dict[str, float](), SPARSE * _apart(cloud.points, places)
     for name, away in zip(given, np.split(distances_to(cloud.points, places, MARK_DISTANCE), ends), strict=True):
         limit = WIRE_DISTANCE if name in lines else MARK_DISTANCE
         if np.median(away) > limit:
+            if (away < ON_LINE).mean() > PARTLY and name in lines:
+                raise InputError(landmarks.path, *_partly(name, away, cloud.path))
             far = float(np.median(distances_to(cloud.points, given[name], np.inf)))
             where = f"{far:.0f} mm away from the cloud"
             if name in lines:
                 where = f"nowhere near the cloud, {far:.0f} mm away from it"
             raise ApartError(landmarks.path, f"{name}: {where}", remedy)
-        found[name] = float(np.sqrt(np.mean(np.minimum(away, MARK_DISTANCE) ** 2)))
+        found[name] = float(np.sqrt(max(0.0, np.mean(np.minimum(away, MARK_DISTANCE) ** 2) - explained**2)))
     return found
+
+
+def _partly(name: str, away: np.ndarray, cloud: Path) -> tuple[str, str]:
+    """Cause and remedy of a line of which a part lies on the cloud, and the rest far away from it."""
+    rest = 100 * (away >= ON_LINE).mean()
+    remedy = f"Check that {cloud.name} is complete, and that the line follows the skin of this breast"
+    return f"{name}: {rest:.0f} % of it is away from the cloud, the rest lies on it", remedy
+
+
+def _apart(points: np.ndarray, places: np.ndarray) -> float:
+    """How far points near some places are from one another."""
+    low, high = places.min(axis=0) - FAR_OFF, places.max(axis=0) + FAR_OFF
+    found = apart(points[((points >= low) & (points <= high)).all(axis=1)])
+    return found if np.isfinite(found) else 0.0
 
 
 def _check_covers(landmarks: Landmarks, cloud: Cloud) -> None:

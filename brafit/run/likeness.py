@@ -11,9 +11,9 @@ Lengths are taken as shares of the wire's. Measured on 21 shared and bundled sca
 | depth of the points before the wire's plane | 0.20 to 0.42 | below 0.1, above 0.6 | below 0.04, above 1 |
 | points farther behind that plane than 0.05 | none | above 2 % | above 20 % |
 | length of the wire | 186 to 290 mm | below 150, above 350 mm | below 80, above 600 mm |
-| wire that was marked off the points, RMS | 0.003 to 0.009, scan_02 0.022 | above 0.03 | as the next |
-| upper line that was marked off them | 0.003 to 0.009 | above 0.025 | see `brafit.landmarks.plausibility` |
-| a marked point off them | 0.001 to 0.018, scan_08 0.040 | above 0.06 | the same |
+| wire that was marked off the skin between the points, RMS | 0.00, scan_02 0.017 | above 0.025 | as the next |
+| upper line that was marked off them | 0.00 | above 0.02 | see `brafit.landmarks.plausibility` |
+| a marked point off them | 0.00 to 0.012, scan_08 0.038 | above 0.06 | the same |
 | height of the marked bust point over that of the breast | 0.92 to 0.99 | below 0.75, above 1.25 | |
 | cup more than 0.1 away from all points, of landmarks proposed or mirrored | not above 15 % | above 15 % | above 30 % |
 | surface between wire and upper line without points | 0 to 4 %, scan_02 22 % | above 10 % | see `brafit.scan.load` |
@@ -87,16 +87,16 @@ BOUNDS: Mapping[str, Bound] = {
         remedy="check the landmarks and their unit (scan.units): brafit-inspect draws them",
     ),
     "wire_off": Bound(
-        "the wire line is {value} off the scan's points (root mean square)",
-        usual=(0.0, 0.03),
-        remedy=_TRACED,
-    ),
-    "upper_off": Bound(
-        "the upper line is {value} off the scan's points (root mean square)",
+        "the wire line is {value} off the skin that was scanned (root mean square)",
         usual=(0.0, 0.025),
         remedy=_TRACED,
     ),
-    "marks_off": Bound("a marked point is {value} off the scan's points", usual=(0.0, 0.06), remedy=_TRACED),
+    "upper_off": Bound(
+        "the upper line is {value} off the skin that was scanned (root mean square)",
+        usual=(0.0, 0.02),
+        remedy=_TRACED,
+    ),
+    "marks_off": Bound("a marked point is {value} off the skin that was scanned", usual=(0.0, 0.06), remedy=_TRACED),
     "apex": Bound(
         "the marked bust point is {value} as far out of the wire's plane as the breast is",
         usual=(0.75, 1.25),

@@ -94,3 +94,11 @@ def distances_to(
         return np.full(len(places), np.inf)
     tree = KDTree(near, leafsize=LEAF, balanced_tree=False, compact_nodes=False)
     return np.asarray(tree.query(places, distance_upper_bound=reach)[0])
+
+
+def apart(points: Float[np.ndarray, "n 3"], sample: int = 300) -> float:
+    """Median distance from one of a sample of points to the nearest other point; infinite where there are not two."""
+    if len(points) < 2:
+        return float(np.inf)
+    tree = KDTree(points, leafsize=LEAF, balanced_tree=False, compact_nodes=False)
+    return float(np.median(nearest(tree, points[:: max(1, len(points) // sample)], 2)[0][:, 1]))

@@ -120,3 +120,29 @@ def test_a_whole_wire_is_none_whatever_is_about_it():
 def test_a_flat_wire_on_a_torso_is_none():
     body = np.random.default_rng(0).uniform((-300, -200, 0), (300, 400, 300), (5000, 3))
     check_scan(cloud(np.concatenate([cup_frame_points(2000), body])), landmarks(WIRE[:16]))
+
+
+@pytest.mark.parametrize("count", [300, 1500, 20_000])
+def test_marks_on_the_skin_are_off_no_cloud_however_sparse(count: int):
+    """What is between a sparse cloud's points is not the marks' fault."""
+    breast = cup_frame_landmarks()
+    off = check_scan(cloud(cup_frame_points(count)), marked(upper_line=breast["upper_line"]))
+    assert off.keys() == {"wire", "upper_line", *(f"landmarks.{name}" for name in breast["landmarks"])}
+    length = np.pi * RADIUS
+    assert max(off["wire"], off["upper_line"]) < 0.01 * length
+    assert max(off.values()) < 0.03 * length
+    apex = breast["landmarks"]["apex"] * 1.4
+    lifted = replace(marked(wire=breast["wire"] + np.array([0, 0, -12.0])), points={"apex": apex})
+    off = check_scan(cloud(cup_frame_points(count)), lifted)
+    assert off["wire"] > (0.03 if count > 300 else 0.01) * length
+    assert off["landmarks.apex"] > (0.12 if count > 300 else 0.08) * length
+
+
+def test_a_line_of_which_a_part_has_no_points_is_called_that():
+    points = cup_frame_points(4000)
+    part = points[points[:, 1] < 0.4 * RADIUS]
+    part = cloud(np.concatenate([part, part + np.array([120, -120, 0])]))
+    with pytest.raises(
+        InputError, match=r"wire: \d\d % of it is away from the cloud, the rest lies on it\. Check that a"
+    ):
+        check_scan(part, landmarks(WIRE))
