@@ -83,11 +83,16 @@ def body_from_marks(
     return Body(outwards if side == "left" else -outwards, up, forward, np.nan)
 
 
+FEW = 100
+"""Points about the plane of symmetry from which on they show a trunk."""
+
+
 def candidates(points: np.ndarray) -> list[Body]:
     """Bodies with each choice of up and front."""
     mirror = mirror_of(points)
     left = mirror.normal
     strip = points[np.abs(points @ left - mirror.offset) < TRUNK]
+    strip = strip if len(strip) >= FEW else points  # the plane lies between two bodies
     strip = strip - np.median(strip, axis=0)
     strip = strip - np.outer(strip @ left, left)
     strip = strip[np.linalg.norm(strip, axis=1) < 4 * np.median(np.linalg.norm(strip, axis=1))]

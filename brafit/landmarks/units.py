@@ -98,7 +98,9 @@ def body_unit(file: Path, points: Float[np.ndarray, "n 3"]) -> str:
     depth = body_depth(points)
     unit = unit_of(depth, DEPTH_POSSIBLE, DEPTH_USUAL, DEPTH_RARE)
     if unit is None:
-        cause = f"units: nothing says them, and no body, or one in two units, is {depth:.4g} deep; is it a part of one?"
+        cause = (
+            f"units: nothing says them, and a body is {depth:.4g} deep in no unit, or in two; it may be a part of one"
+        )
         raise InputError(file, cause, _remedy(file))
     return unit
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from brafit.anatomy.confidence import Confidence, refusal
+from brafit.anatomy.foreign import foreign_cause
 from brafit.anatomy.torso import TORSO_SIZE, judged, proposals
 from brafit.cloud.read import Cloud
 from brafit.errors import InputError
@@ -175,6 +176,9 @@ def with_marks(raw: Cloud, marks: Path | Landmarks, units: str | None, propose: 
 
 def _no_breasts(whole: Whole, found: list[Confidence]) -> InputError:
     """The error of a scan on which no possible marks were found."""
+    if seen := foreign_cause(whole.cloud.points):
+        cause, remedy = seen
+        return InputError(whole.cloud.path, f"no breast was found, and {cause}", f"{remedy}, or mark it by hand")
     if whole.has_middle:
         return refusal(whole.cloud.path, found)
     apart = f"no plane parts it into two sides that are alike (at best they are {whole.mirror.rms:.0f} mm apart)"
