@@ -21,9 +21,9 @@ from brafit.errors import ApartError, InputError, OtherUnitError
 from brafit.geometry.polyline import evenly_spaced, polyline_length
 from brafit.landmarks.cup_frame import chord_of
 from brafit.landmarks.fields import POINT_NAMES
-from brafit.landmarks.file import Landmarks
+from brafit.landmarks.file import WIRE_POINTS, Landmarks
 from brafit.landmarks.units import NAMES, WIRE_USUAL, unit_of
-from brafit.surface.neighbours import apart, distances_to
+from brafit.surface.neighbours import apart, distances_to, nearest, tree_of
 
 WIRE_LENGTH = (80.0, 600.0)
 """Lengths of a wire, mm."""
@@ -41,6 +41,8 @@ DISTINCT = 8.0
 ON_LINE, FAR_OFF = 10.0, 30.0
 """A marked point this near to a line (mm) lies on it, and this far from it on another. Of 18 scans strap points are on
 the upper line and wires' bottoms on the wire within 3, and 75 and more from the other."""
+ON_SKIN = 5.0
+"""Median distance (mm) from which on lines and points lie on the skin."""
 SPARSE = 2.0
 """A place of the skin that was scanned is at most so many times as far from a point as points are from one another."""
 PARTLY = 0.25
@@ -215,9 +217,23 @@ def _distances(landmarks: Landmarks, cloud: Cloud) -> dict[str, float]:
             where = f"{far:.0f} mm away from the cloud"
             if name in lines:
                 where = f"nowhere near the cloud, {far:.0f} mm away from it"
+            if len(places) > WIRE_POINTS and (axes := _axes_between(cloud.points, places)):
+                remedy = f"Export cloud and landmarks with the same axes: with {axes} for x, y, z they lie on it"
             raise ApartError(landmarks.path, f"{name}: {where}", remedy)
         found[name] = float(np.sqrt(max(0.0, np.mean(np.minimum(away, MARK_DISTANCE) ** 2) - explained**2)))
     return found
+
+
+def _axes_between(points: np.ndarray, places: np.ndarray) -> str:
+    """The axes of the places, exchanged or turned about, that a cloud has as x, y and z, where they then lie on it."""
+    tree, found = tree_of(points), dict[str, float]()
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            turned = places[:, order] * signs
+            words = ", ".join("-"[: sign < 0] + "xyz"[k] for k, sign in zip(order, signs, strict=True))
+            found[words] = float(np.median(nearest(tree, turned, 1, MARK_DISTANCE)[0]))
+    best = min(found, key=lambda words: found[words])
+    return best if found[best] < ON_SKIN and best != "x, y, z" else ""
 
 
 def _partly(name: str, away: np.ndarray, cloud: Path) -> tuple[str, str]:

@@ -146,3 +146,16 @@ def test_a_line_of_which_a_part_has_no_points_is_called_that():
         InputError, match=r"wire: \d\d % of it is away from the cloud, the rest lies on it\. Check that a"
     ):
         check_scan(part, landmarks(WIRE))
+
+
+@pytest.mark.parametrize(("turned", "words"), [((0, 2, 1), "x, -z, y"), ((2, 0, 1), "z, x, -y")])
+def test_axes_that_are_exchanged_are_named(turned, words):
+    """As where one program takes y for up and the other z."""
+    signs = np.array([-1.0 if "-" in word else 1.0 for word in words.split(", ")])
+    move = np.array([20.0, 1200.0, 90.0])
+    breast = marked(upper_line=cup_frame_landmarks()["upper_line"]).mapped(lambda places: places + move)
+    points = (cup_frame_points() + move)[:, turned] * signs
+    with pytest.raises(InputError, match=f"wire: nowhere near .* same axes: with {words} for x, y, z they lie on it"):
+        check_scan(cloud(points), breast)
+    with pytest.raises(InputError, match=r"wire: nowhere near .* is in the same frame\.$"):
+        check_scan(cloud(points + np.array([0, 300.0, 0])), breast)
