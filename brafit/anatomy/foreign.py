@@ -58,6 +58,7 @@ def _part_shares(points: np.ndarray) -> list[float]:
     places = ((points - low) / cell).astype(int)
     filled = np.zeros(places.max(axis=0) + 1, dtype=bool)
     filled[tuple(places.T)] = True
-    parts, _ = ndimage.label(filled, np.ones((3, 3, 3)))
+    parts = np.zeros(filled.shape, dtype=np.int32)
+    ndimage.label(filled, np.ones((3, 3, 3)), output=parts)
     counts = np.bincount(parts[tuple(places.T)])
     return sorted((counts[1:] / len(points)).tolist(), reverse=True)

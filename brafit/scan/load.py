@@ -6,8 +6,9 @@ A load goes through stages, each a value made of the one before: `Cloud` (read),
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -237,7 +238,7 @@ def load_sides(
     """
     for side in sides:
         _check_choice("side", side, SIDES)
-    prepared = Preparation(**settings)
+    prepared = _preparation(settings)
     file = path.path if isinstance(path, Cloud) else Path(path)
     marks = landmarks if isinstance(landmarks, Landmarks) else Path(landmarks or landmarks_path(file))
     try:
@@ -248,6 +249,16 @@ def load_sides(
     wiring = Wiring(marked, prepared.wire)
     gathering = Gathering(marked, prepared.outliers, prepared.neighbours, prepared.symmetry)
     return [_loaded(name or file.stem, side, wiring, gathering, prepared) for side in sides]
+
+
+def _preparation(settings: Mapping[str, Any]) -> Preparation:
+    known = [item.name for item in fields(Preparation)]
+    for name in settings:
+        if name not in known:
+            meant = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {meant[0]}? " if meant else ""
+            raise ConfigError(f"scan.{name}: there is no such setting; {hint}known are {', '.join(known)}")
+    return Preparation(**settings)
 
 
 def _loaded(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -232,7 +233,10 @@ def lonely(known: Neighbours, neighbours: int) -> Bool[np.ndarray, " n"]:
 
 
 def check_settings(count: int | None, outliers: float | None, neighbours: int) -> None:
-    """Refuse settings out of their range with a ConfigError."""
+    """Refuse settings that are no numbers or out of their range with a ConfigError."""
+    for name, value in (("points", count), ("outliers", outliers), ("neighbours", neighbours)):
+        if not isinstance(value, Real | None) or isinstance(value, bool):
+            raise ConfigError(f"scan.{name}: {value!r}, but it must be a number")
     if count is not None and count < 10:
         raise ConfigError(f"scan.points: {count}, but at least 10 are needed (null: all points)")
     if outliers is not None and not outliers > 0:

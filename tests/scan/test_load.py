@@ -16,7 +16,7 @@ from breasts import (
     write_ply,
 )
 
-from brafit.errors import InputError
+from brafit.errors import ConfigError, InputError
 from brafit.landmarks import landmarks_path
 from brafit.samples import sample_paths
 from brafit.scan import load_scan
@@ -415,3 +415,17 @@ def test_points_on_no_surface_are_called_that(tmp_path):
     noise = np.random.default_rng(0).uniform(0, (65, 130, 65), (6000, 3))
     path = write_ply(tmp_path / "a.ply", noise)
     assert message(path).startswith("its points lie on no surface: they fill a volume. Export the surface")
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"point": 300}, r"scan\.point: there is no such setting; did you mean points\? known are points, outliers"),
+        ({"outliers": True}, r"scan\.outliers: True, but it must be a number"),
+        ({"points": 3}, r"scan\.points: 3, but at least 10 are needed"),
+    ],
+)
+def test_settings_given_to_a_function_are_checked_like_those_of_the_command(tmp_path, settings, words):
+    path = write_breast(tmp_path)
+    with pytest.raises(ConfigError, match=words):
+        load_scan(path, **settings)
