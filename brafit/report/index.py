@@ -79,7 +79,9 @@ def _index_line(row: Mapping[str, Any], told: Sequence[str], keys: Sequence[str]
     image = f'<img src="{folder}/thumbnail.png" loading="lazy" alt="">'
     picture = f'<a href="{folder}/report.html">{image}</a>' if good else ""
     title = f'<a href="{folder}/report.html">{text(name)}</a>' if good else text(name)
-    state = "ok" if good else f'<span class="failed">failed</span> <div class="soft reason">{text(row.get("reason"))}</div>'
+    state = (
+        "ok" if good else f'<span class="failed">failed</span> <div class="soft reason">{text(row.get("reason"))}</div>'
+    )
     words = "".join(f"<li>{text(line)}</li>" for line in told)
     warned = f'<details><summary class="failed">{len(told)}</summary><ul>{words}</ul></details>' if told else "0"
     cells = [
