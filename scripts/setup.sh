@@ -81,14 +81,18 @@ no_python() {
 open3d_libraries="libGL.so.1 libEGL.so.1 libX11.so.6 libudev.so.1 libusb-1.0.so.0 libidn2.so.0 libgomp.so.1"
 open3d_packages="libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libidn2-0 libgomp1"
 
-has_open3d_libraries() {
+# Whether the system has all these shared libraries.
+has_libraries() {
     local known name
     [ "$(uname -s)" = Linux ] || return 0
-    known=$(PATH=$PATH:/sbin:/usr/sbin ldconfig -p 2>/dev/null) || return 0 # no such list here: the import below decides
-    for name in $open3d_libraries; do
+    known=$(PATH=$PATH:/sbin:/usr/sbin ldconfig -p 2>/dev/null) || return 0 # no such list here: importing them decides
+    for name in "$@"; do
         case $known in *"$name "*) ;; *) return 1 ;; esac
     done
 }
+
+# shellcheck disable=SC2086 # one word a library
+has_open3d_libraries() { has_libraries $open3d_libraries; }
 
 # A virtual environment that was cut short in the making has a Python, but no pip.
 has_venv() { [ -x "$venv/bin/python" ] && "$venv/bin/python" -c 'import pip' 2>/dev/null; }
@@ -198,6 +202,8 @@ if [ "$extra" = readers ]; then
     for pair in ogr2ogr:gdal-bin pdftoppm:poppler-utils rsvg-convert:librsvg2-bin chromium:chromium; do
         command -v "${pair%%:*}" >/dev/null || missing="$missing ${pair##*:}"
     done
+    # Playwright's Node.js, which drives Chromium, links it; nothing else brings it onto a bare machine.
+    has_libraries libatomic.so.1 || missing="$missing libatomic1"
     # shellcheck disable=SC2086 # one word a package
     if [ -n "$missing" ]; then system "the tests read pattern files with programs that are missing" $missing; fi
     exit 0
