@@ -105,11 +105,21 @@ class Result:
 
     @cached_property
     def _pattern(self) -> Pattern:
-        today = date.today().isoformat()
-        return finish(self.pieces, self.options, name=self.name, side=self.side, date=today, figures=self.fit.figures)
+        return finish(
+            self.pieces,
+            self.options,
+            name=self.name,
+            side=self.side,
+            date=date.today().isoformat(),
+            figures=self.fit.figures,
+            fit_warnings=self.fit.warnings,
+        )
 
     def patterns(self) -> Pattern:
-        """The flat pieces, finished: sewing and cut lines, notches, grain lines, labels, warnings; mm."""
+        """The flat pieces, finished: sewing and cut lines, notches, grain lines, labels, warnings; mm.
+
+        Its `warnings` are of the pieces, `fit_warnings` those of the fit; files show both.
+        """
         return self._pattern
 
     def surface(self, strips: int = 8) -> list[PanelMesh]:

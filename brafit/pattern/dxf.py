@@ -18,7 +18,7 @@ from numpy import ndarray
 from brafit.atomic import write_bytes
 from brafit.pattern.curve import Curve
 from brafit.pattern.drawing import Stroke, drawn
-from brafit.pattern.finish import CutPiece, Pattern
+from brafit.pattern.finish import CutPiece, Pattern, notice
 from brafit.pattern.label import LINE
 from brafit.pattern.options import UNITS
 from brafit.pattern.piece import layout_columns
@@ -99,7 +99,12 @@ def _piece(piece: CutPiece, pattern: Pattern, name: str, scale: float) -> str:
     about = [f"Piece Name: {name}", f"Size: {pattern.size}", f"Quantity: {pattern.options.quantity}"]
     about += [
         f"Annotation: {words}"
-        for words in (*piece.label.lines[1:], *piece.label.left_out, *piece.label.notice)
+        for words in (
+            *piece.label.lines[1:],
+            *piece.label.left_out,
+            *piece.label.notice,
+            *notice(pattern.fit_warnings),  # there is neither legend nor cover that would have them
+        )
         if words != f"size {pattern.size}"
     ]
     size, along, angle = piece.label.size, piece.label.along, piece.label.angle

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -144,6 +144,7 @@ class Pattern:
         options: how they were finished.
         seams: for each edge name the lengths of its sides before ease, from the wire up, mm.
         warnings: which checks failed, of all pieces and of the pattern as a whole.
+        fit_warnings: of the scan and of the fit that the pieces come from: whoever cuts them may have no report.
     """
 
     name: str
@@ -154,6 +155,7 @@ class Pattern:
     options: PatternOptions
     seams: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     warnings: tuple[Remark, ...] = ()
+    fit_warnings: tuple[Remark, ...] = ()
 
     @property
     def drawn(self) -> tuple[tuple[CutPiece, ...], ...]:
@@ -175,9 +177,9 @@ class Pattern:
 
 
 def warnings_of(patterns: Sequence[Pattern]) -> list[str]:
-    """All warnings, with the patterns' names if there are several."""
+    """All warnings, those of the fits first, with the patterns' names if there are several."""
     several = len(patterns) > 1
-    named = ((pattern, warning) for pattern in patterns for warning in pattern.warnings)
+    named = ((pattern, warning) for pattern in patterns for warning in (*pattern.fit_warnings, *pattern.warnings))
     return [f"{pattern.name}: {warning}" if several else str(warning) for pattern, warning in named]
 
 
@@ -189,6 +191,7 @@ def finish(
     side: Side,
     date: str = "",
     figures: Mapping[str, float] | None = None,
+    fit_warnings: Sequence[Remark] = (),
 ) -> Pattern:
     """Finish the pieces of one cup and check them.
 
@@ -199,6 +202,7 @@ def finish(
         side: `left` or `right`, for the labels.
         date: for the labels; empty: none.
         figures: the fit's measured figures; `twist_deg_max` is checked if it is there.
+        fit_warnings: of the scan and of its fit, to be told wherever the pattern is printed.
     """
     sewn = _sewn(pieces, options, side)
     seams: dict[str, tuple[float, ...]] = {}
@@ -229,7 +233,7 @@ def finish(
             _finish(own, cut, messages, places, options, about, (name, side, f"piece {number} of {len(sewn)}", date))
         )
     own = dict.fromkeys(replace(w, about=piece.name) for piece in done for w in piece.warnings if w not in whole)
-    return Pattern(name, side, size, date, tuple(done), options, seams, (*whole, *own))
+    return Pattern(name, side, size, date, tuple(done), options, seams, (*whole, *own), tuple(fit_warnings))
 
 
 def _unequal_seams(
@@ -390,8 +394,9 @@ def _notices(warnings: Sequence[Remark]) -> list[tuple[str, ...]]:
     texts = [tuple(map(str, warnings)), (f"{'; '.join(heads)}, see legend",)]
     if not any(w.code == CROSSES for w in warnings):  # of which a piece must never be silent
         texts += [("see legend",), ()]
-    return [_wrapped(words) for words in texts]
+    return [notice(words) for words in texts]
 
 
-def _wrapped(warnings: Sequence[str]) -> tuple[str, ...]:
+def notice(warnings: Iterable[object]) -> tuple[str, ...]:
+    """Warnings in the short lines of a label."""
     return tuple(line for words in warnings for line in textwrap.wrap(f"WARNING: {words}", 30))

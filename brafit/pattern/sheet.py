@@ -61,8 +61,8 @@ def sheet_page(patterns: Sequence[Pattern], title: str, note: str = "") -> Page:
     head = 12.0 + 6.0 * bool(note)
     inner = max(sheet.width, CONTROL + GAP + ROOM)
     below, legend_height = legend(patterns, np.zeros(2))
-    told = warned_lines(warnings_of(patterns), inner)
-    foot = max(CONTROL, legend_height) + ROW * len(told) + 4.0 * bool(told)
+    told, told_height = told_below(patterns, inner)
+    foot = max(CONTROL, legend_height) + told_height
     width, height = inner + 2 * MARGIN, head + sheet.height + GAP + foot + 2 * MARGIN
     corner = np.array(((width - sheet.width) / 2, MARGIN + foot + GAP))
     items: list[Item] = []
@@ -74,10 +74,7 @@ def sheet_page(patterns: Sequence[Pattern], title: str, note: str = "") -> Page:
     items += control_square(MARGIN, top - CONTROL, patterns[0].options)
     left = MARGIN + CONTROL + GAP
     items += shifted(below, (left, top))
-    items += [
-        text(line, MARGIN, MARGIN + ROW * (len(told) - row - 0.5), TEXT, bold=True, colour=RED)
-        for row, line in enumerate(told)
-    ]
+    items += shifted(told, (MARGIN, MARGIN))
     return Page(width, height, tuple(items))
 
 
@@ -90,6 +87,15 @@ def heading(title: str, note: str, x: float, top: float, room: float) -> list[It
 def warned_lines(warnings: Sequence[str], room: float) -> list[str]:
     """Warnings in full, in lines of bold letters of the size TEXT that are not longer than `room` mm."""
     return [line for words in warnings for line in wrapped(f"WARNING: {words}", TEXT, room, bold=True)]
+
+
+def told_below(patterns: Sequence[Pattern], room: float) -> tuple[list[Item], float]:
+    """All warnings of patterns, to stand at the foot of a sheet, from (0, 0) upwards; and the height that they take."""
+    lines = warned_lines(warnings_of(patterns), room)
+    items: list[Item] = [
+        text(line, 0.0, ROW * (len(lines) - row - 0.5), TEXT, bold=True, colour=RED) for row, line in enumerate(lines)
+    ]
+    return items, ROW * len(lines) + 4.0 * bool(lines)
 
 
 def control_square(x: float, y: float, options: PatternOptions) -> list[Item]:

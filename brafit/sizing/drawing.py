@@ -15,9 +15,10 @@ from numpy import ndarray
 from brafit.atomic import write_bytes
 from brafit.pattern.drawing import BLACK, INFO, Item, Page, Stroke, Words, line_of, shifted
 from brafit.pattern.dxf import block_name, plain, tags
+from brafit.pattern.finish import warnings_of
 from brafit.pattern.lettering import one_line, text
 from brafit.pattern.pdf import write_pages
-from brafit.pattern.sheet import CONTROL, GAP, MARGIN, ROOM, control_square, heading, legend
+from brafit.pattern.sheet import CONTROL, GAP, MARGIN, ROOM, control_square, heading, legend, told_below, warned_lines
 from brafit.pattern.svg import page_svg
 from brafit.sizing.nest import Layer, Nest
 
@@ -26,7 +27,7 @@ LINE = 6.0
 TOLERANCE = 0.01
 """How far (mm) DXF's polylines may lie from the curves."""
 FILES = ("patterns.svg", "patterns.dxf", "patterns.pdf")
-_OTHERS = (("CONTROL", 7), ("NAMES", 7))
+_OTHERS = (("CONTROL", 7), ("NAMES", 7), ("WARNINGS", 1))
 """DXF's layers that are of no size, and their colour."""
 
 
@@ -47,7 +48,7 @@ def write_nest(folder: Path, nest: Nest, title: str, note: str = "") -> list[Pat
 
 
 def nest_page(nest: Nest, title: str, note: str = "") -> Page:
-    """The sizes on one page as large as they need, above the control square, the legend and the list of sizes.
+    """The sizes on one page as large as they need, above control square, legend, list of sizes and warnings.
 
     Args:
         nest: the drawing.
@@ -55,8 +56,9 @@ def nest_page(nest: Nest, title: str, note: str = "") -> Page:
         note: a second line.
     """
     key, height = legend(nest.patterns, np.zeros(2))
-    foot = max(CONTROL, height, LINE * len(nest.layers))
     room = max(nest.width, CONTROL + 2 * GAP + 2 * ROOM)
+    told, told_height = told_below(nest.patterns, room)
+    foot = max(CONTROL, height, LINE * len(nest.layers)) + told_height
     width, top = room + 2 * MARGIN, MARGIN + foot
     tall = top + GAP + nest.height + 20.0 + MARGIN
     low = ((width - nest.width) / 2, top + GAP)
@@ -66,6 +68,7 @@ def nest_page(nest: Nest, title: str, note: str = "") -> Page:
     left = MARGIN + CONTROL + GAP
     items += shifted((replace(item, colour=BLACK) for item in key), (left, top))
     items += _sizes(nest.layers, left + ROOM + GAP, top)
+    items += shifted(told, (MARGIN, MARGIN))
     return Page(width, tall, tuple(items))
 
 
@@ -86,7 +89,8 @@ def _sizes(layers: Sequence[Layer], x: float, top: float) -> list[Item]:
 
 def nest_dxf(nest: Nest) -> bytes:
     """A nest as DXF of release 12, mm: for each size the layers S_NAME (cut), S_NAME_SEW, _NOTCH, _DRILL, _GRAIN and
-    _TEXT in its colour; the control square is on the layer CONTROL, names of pieces that lie on one another on NAMES.
+    _TEXT in its colour; the control square is on the layer CONTROL, names of pieces that lie on one another on NAMES,
+    warnings on WARNINGS.
     """
     taken: set[str] = set()
     names = [block_name(f"S_{layer.name}"[:25], taken) for layer in nest.layers]
@@ -105,6 +109,9 @@ def nest_dxf(nest: Nest) -> bytes:
         entities.append(_words(Words(layer.name, at, 3.6), f"{name}_TEXT"))
     square = np.array(((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))) * CONTROL + (0, bottom)
     entities += [_words(own, "NAMES") for own in nest.names]
+    for row, words in enumerate(reversed(warned_lines(warnings_of(nest.patterns), 4 * CONTROL))):
+        at = np.array((0.0, bottom + CONTROL + LINE * (row + 1)))
+        entities.append(_words(Words(words, at, 3.6, centred=False), "WARNINGS"))
     entities.append(_polyline(square, "CONTROL"))
     entities.append(_words(Words("control square 100 mm", np.array((50.0, bottom + 50)), 4.0), "CONTROL"))
     header = tags((9, "$ACADVER"), (1, "AC1009"), (9, "$INSUNITS"), (70, 4))

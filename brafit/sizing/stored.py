@@ -22,6 +22,7 @@ from brafit.errors import BrafitError, InputError
 from brafit.geometry.development import FlatPanel
 from brafit.naming import on_disk
 from brafit.pattern import Pattern, PatternOptions, finish, marks_on, pieces_from_panels
+from brafit.remarks import Remark
 from brafit.run.recipe import AUTO, maker_of
 from brafit.run.store import read_fit
 from brafit.settings.entries import made
@@ -49,6 +50,7 @@ class StoredFit:
         wire_name: the nearest wire sold; empty where none is known.
         marks: `bust_point` and `strap_point` in the cup frame, mm, as far as they are known.
         dimensions: part, name, value, unit, standard deviation.
+        warnings: of the scan and of the fit.
     """
 
     folder: Path
@@ -62,6 +64,7 @@ class StoredFit:
     wire_name: str = ""
     marks: Mapping[str, Float[ndarray, "3"]] = field(default_factory=dict)
     dimensions: Sequence[Sequence[Any]] = ()
+    warnings: Sequence[Remark] = ()
 
     @property
     def wire_length(self) -> float:
@@ -139,10 +142,17 @@ def _read(folder: Path, content: Mapping[str, Any]) -> StoredFit:
         wire_name=str(content.get("nearest_wire") or ""),
         marks=marks,
         dimensions=content.get("pattern", {}).get("dimensions", ()),
+        warnings=_warnings(content),
     )
     if not (np.isfinite(stored.flat).all() and np.isfinite(stored.series).all() and stored.scale > 0):
         raise ValueError("numbers are missing")
     return stored
+
+
+def _warnings(content: Mapping[str, Any]) -> tuple[Remark, ...]:
+    """Those of a fit, each with its remedy and what it is about in its text."""
+    told = zip(content.get("warning_codes", ()), content.get("warnings", ()), strict=True)
+    return tuple(Remark(str(code), str(words)) for code, words in told)
 
 
 def _own_panels(cup: dict[str, Any], content: Mapping[str, Any]) -> dict[str, Any]:
@@ -274,4 +284,5 @@ def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "") ->
     marks = marks_on(shape, fit.marks.get("bust_point"), fit.marks.get("strap_point"))
     pieces = pieces_from_panels(panels, "left", marks)
     options = replace(options_of(fit), size=size, pair=pair)
-    return finish(pieces, options, name=name, side="left", date="", figures=dict(fit.figures))
+    told = fit.warnings
+    return finish(pieces, options, name=name, side="left", figures=dict(fit.figures), fit_warnings=told)

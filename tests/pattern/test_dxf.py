@@ -14,6 +14,7 @@ from patterns import pattern, program
 from readers import polyline_length
 
 from brafit.pattern.dxf import block_name, write_dxf
+from brafit.remarks import Remark
 
 SEWN = {"1", "2", "3", "4", "7", "14", "15"}
 
@@ -69,6 +70,16 @@ def test_pieces_layers_and_texts(tmp_path, unit, millimetres, name):
     (square,) = found["CONTROL_SQUARE_100MM"].query('POLYLINE[layer=="1"]')
     corners = np.array([v.dxf.location.vec2 for v in square.vertices]) * millimetres
     np.testing.assert_allclose(np.ptp(corners, axis=0), (100, 100), atol=1e-9)
+
+
+def test_every_piece_bears_the_warnings_of_the_fit(tmp_path):
+    """A DXF file has neither legend nor cover."""
+    doubt = Remark("proposed_landmarks", "the wire's outer end is a guess, 56 mm off", remedy="mark it by hand")
+    write_dxf(tmp_path / "p.dxf", [pattern(told=[doubt])], "x")
+    found = blocks(read(tmp_path / "p.dxf"))
+    for name in ("LOWER_PANEL_LUNE", "UPPER_PANEL_LUNE"):
+        lines = [words.removeprefix("Annotation: ") for words in texts(found[name])]
+        assert f"WARNING: {doubt}" in " ".join(lines)
 
 
 def test_a_scan_whose_name_begins_like_a_size_keeps_it(tmp_path):

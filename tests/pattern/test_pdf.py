@@ -16,6 +16,7 @@ from brafit.pattern.pages import MARGIN, OVERLAP, Tiled, Whole, arrange
 from brafit.pattern.pdf import write_pdf_projector, write_pdf_sheet, write_pdf_tiles
 from brafit.pattern.sheet import named_pieces
 from brafit.pattern.svg import write_svg
+from brafit.remarks import Remark
 
 POINT = 25.4 / 72
 
@@ -182,6 +183,19 @@ def test_projector_page_is_the_sheet_with_wider_lines(tmp_path):
     (sheet,), (wide,) = (pages(tmp_path / name) for name in ("sheet.pdf", "wide.pdf"))
     assert sheet.shape == wide.shape
     assert wide.sum() > 1.5 * sheet.sum()
+
+
+def test_what_is_doubtful_of_the_fit_is_printed_with_the_pattern(tmp_path):
+    """The sheet goes to a cutter without the report."""
+    doubt = Remark("proposed_landmarks", "the wire's outer end is a guess, 56 mm off", remedy="mark it by hand")
+    made = pattern(told=[doubt], material_width=50.0)
+    write_pdf_tiles(tmp_path / "patterns.pdf", [made], "lune")
+    write_pdf_sheet(tmp_path / "sheet.pdf", [made], "lune")
+    for name, pages_told in (("patterns.pdf", ["-l", "1"]), ("sheet.pdf", [])):
+        command = [program("pdftotext"), *pages_told, tmp_path / name, "-"]
+        words = " ".join(subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
+        assert words.count(f"WARNING: {doubt}") == 1
+        assert "wider than the material" in words
 
 
 @pytest.mark.parametrize("name", ["anny_05", "", "Größe 胸 \U0001f600", "a\nb\x07", "x" * 300])

@@ -9,6 +9,7 @@ import pytest
 from patterns import pattern, program
 
 from brafit.pattern import write_svg
+from brafit.remarks import Remark
 
 SVG = "{http://www.w3.org/2000/svg}"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
@@ -92,6 +93,13 @@ def test_warnings_stand_on_the_piece_and_below_the_title(tmp_path):
     for group in found["text"]:
         assert any((line.text or "").startswith("WARNING") for line in group)
     assert sum((line.text or "").startswith("WARNING") for line in found["info"].iter(f"{SVG}text")) == 2
+
+
+def test_warnings_of_the_fit_stand_below_the_title(tmp_path):
+    doubt = Remark("proposed_landmarks", "the wire's outer end is a guess")
+    write_svg(tmp_path / "p.svg", [pattern(told=[doubt])], "x")
+    told = [text.text or "" for text in layers(parse(tmp_path / "p.svg"))["info"].iter(f"{SVG}text")]
+    assert told.count("WARNING: the wire's outer end is a guess") == 1
 
 
 def test_warnings_of_several_patterns_name_their_own(tmp_path):

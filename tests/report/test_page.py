@@ -72,6 +72,7 @@ def test_report_says_what_was_measured_given_and_guessed(tmp_path):
     made = result('a <b> & "c"', material_width=10.0)
     made = replace(made, fit=replace(made.fit, warnings=(Remark("unsure", "the fit was not sure"),)))
     made.save(tmp_path)
+    assert "WARNING: the fit was not sure" in (tmp_path / "patterns.svg").read_text(encoding="utf-8")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<h1>a &lt;b&gt; &amp; &quot;c&quot;</h1>" in text
     for words in (

@@ -148,6 +148,18 @@ def test_cups_of_other_thickness_are_not_nested_but_lie_side_by_side(population,
     assert "cloth 5.0 mm thick" in (tmp_path / "out" / "patterns.svg").read_text(encoding="utf-8")
 
 
+def test_warnings_of_fits_are_said_and_drawn(tmp_path: Path, capsys):
+    write_population(tmp_path / "run", KINDS[:1], 2)
+    told = {"warnings": ["the wire's outer end is a guess"], "warning_codes": ["proposed_landmarks"]}
+    write_fit(tmp_path / "run" / "guessed", *made_cup(*KINDS[0]), **told)
+    assert run(nest, tmp_path / "run", "--out", tmp_path / "nest") == 0
+    words = "guessed: the wire's outer end is a guess"
+    assert capsys.readouterr().err.count(f"warning: {words}") == 1
+    assert (tmp_path / "nest" / "patterns.svg").read_text(encoding="utf-8").count(f">WARNING: {words}<") == 1
+    texts = readfile(tmp_path / "nest" / "patterns.dxf").modelspace().query('TEXT[layer=="WARNINGS"]')
+    assert [text.dxf.text for text in texts] == [f"WARNING: {words}"]
+
+
 def test_scans_of_one_name_are_told_apart_by_their_folders(population, tmp_path: Path):
     for run_of in ("before", "after"):
         shutil.copytree(population[0] / "cup_0_0", tmp_path / "runs" / run_of / "anna")
