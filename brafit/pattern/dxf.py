@@ -31,6 +31,8 @@ LAYERS = {
 }  # fmt: skip
 """Numbers of the layers that are used, by what they hold; the texts of pieces and style are on the cut line's."""
 CONTROL, GAP = 100.0, 10.0
+_LETTERS = 100
+"""Most letters of a line of a warning of the fit; release 12 has at most 255."""
 
 
 def write_dxf(path: str | Path, patterns: Sequence[Pattern], style: str) -> None:
@@ -97,16 +99,9 @@ def _piece(piece: CutPiece, pattern: Pattern, name: str, scale: float) -> str:
             at = item.at - 0.28 * item.size * len(item.text) * item.along
             entities.append(_text(item.text, "annotation", scale * at, 0.7 * item.size * scale, item.angle))
     about = [f"Piece Name: {name}", f"Size: {pattern.size}", f"Quantity: {pattern.options.quantity}"]
-    about += [
-        f"Annotation: {words}"
-        for words in (
-            *piece.label.lines[1:],
-            *piece.label.left_out,
-            *piece.label.notice,
-            *notice(pattern.fit_warnings),  # there is neither legend nor cover that would have them
-        )
-        if words != f"size {pattern.size}"
-    ]
+    # whatever the room, and with the fit's warnings: there is neither legend nor cover that would have the rest
+    told = (*piece.label.whole[1:], *notice(pattern.fit_warnings, _LETTERS))
+    about += [f"Annotation: {words}" for words in told if words != f"size {pattern.size}"]
     size, along, angle = piece.label.size, piece.label.along, piece.label.angle
     down = np.array((along[1], -along[0]))
     for row, words in enumerate(about):

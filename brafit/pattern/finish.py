@@ -383,7 +383,10 @@ def _told(lines: Sequence[str]) -> tuple[str, ...]:
 def _for_side(label: Label, side: Side, other: Side) -> Label:
     """The label with the other side in place of one; a scan's name may hold the same words."""
     own = re.compile(rf"(^|, ){side} cup(?=$|, )")
-    return replace(label, lines=tuple(own.sub(rf"\g<1>{other} cup", line) for line in label.lines))
+    lines, whole = (
+        tuple(own.sub(rf"\g<1>{other} cup", line) for line in lines) for lines in (label.lines, label.whole)
+    )
+    return replace(label, lines=lines, whole=whole)
 
 
 def _notices(warnings: Sequence[Remark]) -> list[tuple[str, ...]]:
@@ -397,6 +400,6 @@ def _notices(warnings: Sequence[Remark]) -> list[tuple[str, ...]]:
     return [notice(words) for words in texts]
 
 
-def notice(warnings: Iterable[object]) -> tuple[str, ...]:
-    """Warnings in the short lines of a label."""
-    return tuple(line for words in warnings for line in textwrap.wrap(f"WARNING: {words}", 30))
+def notice(warnings: Iterable[object], letters: int = 30) -> tuple[str, ...]:
+    """Warnings in short lines."""
+    return tuple(line for words in warnings for line in textwrap.wrap(f"WARNING: {words}", letters))

@@ -88,7 +88,7 @@ class Label:
         lines: the first is the piece's name.
         notice: further lines below them: warnings.
         at, along, size: middle of the text, direction of its lines (to the right) and height of its letters, mm.
-        left_out: lines and warnings that found no room; files that do not depend on room have them.
+        whole: all lines and warnings in full, also those that found no room; for files that do not depend on room.
     """
 
     lines: tuple[str, ...]
@@ -96,7 +96,7 @@ class Label:
     at: Float[ndarray, "2"]
     along: Float[ndarray, "2"]
     size: float
-    left_out: tuple[str, ...] = ()
+    whole: tuple[str, ...] = ()
 
     @property
     def all_lines(self) -> tuple[str, ...]:
@@ -193,20 +193,20 @@ def place_label(
     told = [notice for notice in notices if notice] or [()]
     fewer = [(lines[:count], told[-1]) for count in (essential, _NAMES, 1)] + [(lines[:1], notices[-1])]
     best = Label(lines, notices[0], np.zeros(2), LEVEL, 0.0)
+    whole = (*lines, *notices[0])
     for kept, notice in dict.fromkeys([*((lines, notice) for notice in told), *fewer]):
         needed = len(kept) >= len(lines[:essential])
         least = _READABLE if kept == lines and notice in told[:2] else _SMALL if needed else _HEIGHTS[0]
         if best.size >= least:
             break
-        left_out = lines[len(kept) :] + (notices[0] if notice != notices[0] else ())
-        best = _largest(best, room, sight, kept, notice, left_out)
+        best = _largest(best, room, sight, kept, notice)
     if best.size == 0:
         low, high = np.array(sight.cut.bounds[:2]), np.array(sight.cut.bounds[2:])
         _, height = _extent(lines, notices[0], _READABLE)
         at = np.array(((low[0] + high[0]) / 2, low[1] - 2 - height / 2))
         best = Label(lines, notices[0], at, LEVEL, _READABLE)
     sight.take(Polygon(best.corners))
-    return best
+    return replace(best, whole=whole)
 
 
 def _largest(
@@ -215,15 +215,14 @@ def _largest(
     sight: Sight,
     lines: tuple[str, ...],
     notice: tuple[str, ...],
-    left_out: tuple[str, ...],
 ) -> Label:
     """The best label so far or, if that is plainly larger, one of these lines: level or, if that is too small to read,
     joined and turned."""
-    best = _larger(best, room, sight, lines, notice, LEVEL, left_out)
+    best = _larger(best, room, sight, lines, notice, LEVEL)
     for rows in _joined(lines) if best.size < _READABLE else ():
         for angle in (0, 90, 30, -30, 60, -60, 15, -15):
             along = np.array((math.cos(math.radians(angle)), math.sin(math.radians(angle))))
-            best = _larger(best, room, sight, rows, notice, along, left_out)
+            best = _larger(best, room, sight, rows, notice, along)
     return best
 
 
@@ -234,11 +233,10 @@ def _larger(
     lines: tuple[str, ...],
     notice: tuple[str, ...],
     along: Float[ndarray, "2"],
-    left_out: tuple[str, ...],
 ) -> Label:
     """A label where it is largest, or the best so far, unless that is plainly smaller."""
     at, size = _roomiest(room, sight.inside, along, lines, notice, 1.02 * best.size)
-    return Label(lines, notice, at, along, size, left_out) if size > 0 else best
+    return Label(lines, notice, at, along, size) if size > 0 else best
 
 
 @lru_cache(maxsize=64)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from check_patterns import dxf_figures, gdal_figures, trimesh_figures
 from ezdxf.lldxf.encoding import decode_dxf_unicode
-from patterns import pattern, program
+from patterns import pattern, program, small
 from readers import polyline_length
 
 from brafit.pattern.dxf import block_name, write_dxf
@@ -80,6 +80,25 @@ def test_every_piece_bears_the_warnings_of_the_fit(tmp_path):
     for name in ("LOWER_PANEL_LUNE", "UPPER_PANEL_LUNE"):
         lines = [words.removeprefix("Annotation: ") for words in texts(found[name])]
         assert f"WARNING: {doubt}" in " ".join(lines)
+
+
+def test_annotations_are_whole_whatever_the_room_for_labels(tmp_path):
+    """On narrow pieces lines of labels are joined and warnings point to a legend, which DXF has not."""
+    cloth = {"thickness": 3.0, "stretch": 20.0, "stretch_across": 0.0}
+    made = small(3, 0.6, pair=True, units="inch", cloth=cloth, material_width=30.0)
+    labels = [piece.label for piece in made.pieces]
+    assert any(", " in label.lines[0] for label in labels)
+    assert any("see legend" in " ".join(label.notice) for label in labels)
+    write_dxf(tmp_path / "p.dxf", [made], "x")
+    found = blocks(read(tmp_path / "p.dxf"))
+    for column in made.drawn:
+        for number, piece in enumerate(column, start=1):
+            block = found[f"{piece.name} {piece.side}_lune".upper().replace(" ", "_")]
+            lines = [words.removeprefix("Annotation: ") for words in texts(block)]
+            wanted = [f"piece {number} of 3", f"{piece.side} cup", "cut 1", "allowance 0.24 in", "cloth 0.12 in thick"]
+            assert [lines.count(words) for words in wanted] == [1] * 5
+            assert not any("see legend" in words for words in lines)
+            assert [" ".join(lines).count(f"WARNING: {words}") for words in map(str, piece.warnings)] == [1]
 
 
 def test_a_scan_whose_name_begins_like_a_size_keeps_it(tmp_path):

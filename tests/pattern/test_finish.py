@@ -245,7 +245,7 @@ def test_cloth_that_stretches_covers_the_cup_again(grain, side):
         away = [Polygon(worn.sew_outline(1e-4)).exterior.distance(Point(*point)) for point in stretched[::5]]
         assert max(away) < 1e-3
         assert piece.area * 1.2 * 1.05 == pytest.approx(worn.area, abs=1e-3)
-        told = (*piece.label.lines, *piece.label.left_out)
+        told = piece.label.whole
         assert "stretch 20 % along grain: 16.7 % less" in told
         assert "stretch 5 % across grain: 4.8 % less" in told
 
@@ -305,9 +305,9 @@ def test_labels_stay_on_their_piece_with_cloth_and_warnings(panels, scale):
         label = piece.label
         assert Polygon(piece.sew_outline(1e-3)).contains(Polygon(label.corners))
         assert label.lines[0].split(", ")[0] == piece.name
-        everything = " ".join((*label.lines, *label.left_out, *label.notice))
+        everything = " ".join(label.whole)
         assert all(words in everything for words in ("cut 1", "allowance", "cloth 3.0 mm thick", "stretch 20 %"))
-        assert all(words in " ".join((*label.left_out, *label.notice)) for words in map(str, piece.warnings))
+        assert all(words in " ".join(label.whole) for words in map(str, piece.warnings))
         if scale == 1.0 or (panels == 3 and scale == 0.6):  # small letters, before anything of it is left out
             assert all(words in " ".join(label.lines) for words in ("cut 1", "allowance", "cloth 3.0", "stretch 20"))
 
@@ -497,7 +497,7 @@ def test_seams_that_ease_makes_unequal_are_told():
     (words,) = (str(one) for one in shifted.warnings if one.code == "seam_sides_differ")
     assert f"{abs(sides[0] - sides[1]):.1f} mm" in words
     assert all("WARNING: seam" in " ".join(piece.label.notice) for piece in shifted.pieces)
-    assert all(words in " ".join((*p.label.left_out, *p.label.notice)) for p in shifted.pieces)
+    assert all(words in " ".join(p.label.whole) for p in shifted.pieces)
 
 
 def a_bent_panel() -> FlatPanel:

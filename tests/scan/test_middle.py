@@ -84,7 +84,7 @@ def test_result_says_what_the_cup_is_made_of(fits):
     thick, thin = fits
     assert thick.sources["cloth"] == "cloth 4.0 mm thick: the cup is its middle, 2.0 mm outside of the skin"
     assert "cloth" not in thin.sources
-    assert all("cloth 4.0 mm thick" in (*p.label.lines, *p.label.left_out) for p in thick.patterns().pieces)
+    assert all("cloth 4.0 mm thick" in p.label.whole for p in thick.patterns().pieces)
     away = np.linalg.norm(thick.target.points - MIDDLE, axis=1)
     np.testing.assert_allclose(away, RADIUS, atol=0.1)  # points stay on the skin, where they were seen
     middle = middle_of(ball(), THICKNESS).dense  # data count where the cup is, which is half the thickness outside
