@@ -15,18 +15,17 @@ from shapely import LineString, Point, Polygon
 
 from brafit.pattern.allowance import Ring, cut_outlines, signed_area, valid_polygon
 from brafit.pattern.caption import SeamSide, place_captions
-from brafit.pattern.cloth import as_cut, cloth_words, ease_words, reshaped, unequal
+from brafit.pattern.cloth import as_cut, reshaped, unequal
 from brafit.pattern.curve import Curve, closed, curves_through, enclosed_area
 from brafit.pattern.grain import grain_angle, grain_line, grain_name, too_wide
+from brafit.pattern.instructions import label_stages
 from brafit.pattern.label import Caption, Label, Sight, place_label
 from brafit.pattern.notch import Notch, notch_places, notches_on
 from brafit.pattern.options import PatternOptions
-from brafit.pattern.piece import KIND_NAMES, Hole, Kind, Piece, Side, self_crossings
+from brafit.pattern.piece import Hole, Kind, Piece, Side, self_crossings
 from brafit.remarks import Remark
 
 Move = Callable[[Float[ndarray, "n 2"]], Float[ndarray, "n 2"]]
-
-_Lines = tuple[tuple[str, ...], tuple[str, ...]]
 
 CROSSES = "crosses_itself"
 """Code of the warning of a piece that cannot be sewn."""
@@ -341,8 +340,7 @@ def _finish(
     inner = [(hole.name, hole.point) for hole in holes]
     captions = place_captions(sight, eased, named, inner, (grain_name(options), grain), sewn.sides)
     widest: Side = "right" if options.pair else side  # the label of the mirrored piece needs its room too
-    essential, further = _label(piece, options, name, widest, number, date)
-    label = place_label(sight, essential + further, _notices(warnings), len(essential))
+    label = place_label(sight, label_stages(piece, options, name, widest, number, date), _notices(warnings))
     label = _for_side(label, widest, side)
     sew = tuple(SewLine(e.name, e.kind, c, w) for e, c, w in zip(piece.edges, eased, widths, strict=True))
     return CutPiece(
@@ -357,27 +355,6 @@ def _finish(
         captions=captions,
         warnings=tuple(warnings),
     )
-
-
-def _label(piece: Piece, options: PatternOptions, name: str, side: Side, number: str, date: str) -> _Lines:
-    """What a cutter cannot do without, and what else a label says."""
-    kinds = dict.fromkeys(edge.kind for edge in piece.edges)
-    allowances = {kind: options.length(options.allowance[kind]) for kind in kinds}
-    same = len(set(allowances.values())) == 1
-    each = ", ".join(f"{KIND_NAMES[kind]} {width}" for kind, width in allowances.items())
-    allowance = next(iter(allowances.values())) if same else each
-    casing = options.wire["casing"] if "wire" in kinds else 0.0
-    needed = [piece.name, number, name * (name != options.size), f"{side} cup", options.size and f"size {options.size}"]
-    needed += [f"cut {options.quantity}"]  # of a pair both sides are drawn, and each says so for itself
-    needed += [f"allowance {allowance}", f"casing {options.length(casing)} more" if casing else ""]
-    needed += cloth_words(options)
-    further = [ease_words(options), date]
-    return _told(needed), _told(further)
-
-
-def _told(lines: Sequence[str]) -> tuple[str, ...]:
-    """Those that say something, without line breaks."""
-    return tuple(" ".join(line.split()) for line in lines if line.strip())
 
 
 def _for_side(label: Label, side: Side, other: Side) -> Label:

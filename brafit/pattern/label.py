@@ -33,8 +33,6 @@ _CLEAR = 0.8
 """Distance in mm that texts keep from lines, all but a hundredth."""
 LEVEL = np.array((1.0, 0.0))
 """Direction of a level line."""
-_NAMES = 4
-"""Lines of a label that tell which piece it is; they are left out last, and the first of them never."""
 _TRIM = 4.0
 """Length in mm of a leader's last bit, which may lie within the mark that it leads to."""
 _LABEL_CLEAR = 1.5
@@ -174,29 +172,27 @@ class Sight:
         return free
 
 
-def place_label(
-    sight: Sight, lines: tuple[str, ...], notices: Sequence[tuple[str, ...]], essential: int | None = None
-) -> Label:
+def place_label(sight: Sight, stages: Sequence[tuple[str, ...]], notices: Sequence[tuple[str, ...]]) -> Label:
     """The label where its letters are largest: on the piece or, where not even its first line has room, below it.
 
     On a narrow piece warnings are shortened and lines are joined and turned. Where that does not do, lines are left
-    out, from the last; those that a cutter needs only where they do not fit in the smallest letters.
+    out; those that a cutter needs only where they do not fit in the smallest letters.
 
     Args:
         sight: where there is room; takes what is placed.
-        lines: of the label, what matters most first.
-        notices: the warnings below them, in full and then ever shorter; an empty one is for the name alone.
-        essential: how many of the lines a cutter cannot do without; None: all.
+        stages: the lines in full, those that a cutter needs, and then ever fewer; what is in all of them is never left
+            out.
+        notices: the warnings below them, in full and then ever shorter; an empty one is for the last two stages.
     """
     room = sight.room()
     shapely.prepare(room)
     told = [notice for notice in notices if notice] or [()]
-    fewer = [(lines[:count], told[-1]) for count in (essential, _NAMES, 1)] + [(lines[:1], notices[-1])]
+    lines, fewer = stages[0], [(kept, told[-1]) for kept in stages[1:-2]]
+    fewer += [(kept, notice) for kept in stages[1:][-2:] for notice in (told[-1], notices[-1])]
     best = Label(lines, notices[0], np.zeros(2), LEVEL, 0.0)
     whole = (*lines, *notices[0])
     for kept, notice in dict.fromkeys([*((lines, notice) for notice in told), *fewer]):
-        needed = len(kept) >= len(lines[:essential])
-        least = _READABLE if kept == lines and notice in told[:2] else _SMALL if needed else _HEIGHTS[0]
+        least = _READABLE if kept == lines and notice in told[:2] else _SMALL if kept in stages[:2] else _HEIGHTS[0]
         if best.size >= least:
             break
         best = _largest(best, room, sight, kept, notice)

@@ -26,6 +26,7 @@ from brafit.pattern.drawing import (
 )
 from brafit.pattern.finish import CutPiece, Pattern, warnings_of
 from brafit.pattern.grain import grain_name
+from brafit.pattern.instructions import allowance_words, cut_words
 from brafit.pattern.lettering import PITCH, one_line, paragraph, text, wrapped
 from brafit.pattern.marks import BUST_POINT, MATCH_POINT
 from brafit.pattern.notch import Notch
@@ -134,15 +135,24 @@ def legend(patterns: Sequence[Pattern], at: Float[ndarray, "2"], room: float = R
 
 
 def _contents(patterns: Sequence[Pattern]) -> list[str]:
-    """Size, sides and number of the pieces that are drawn, how often each is cut, and of what cloth."""
-    options, sizes = patterns[0].options, {pattern.options.size for pattern in patterns}
+    """Size, sides and number of the pieces that are drawn, how often each is cut, allowances, and of what cloth."""
+    sizes = {pattern.options.size for pattern in patterns}
     columns = [column for pattern in patterns for column in pattern.drawn]
     sides = sorted({piece.side for column in columns for piece in column})
     count = sum(map(len, columns))
     words = f"{' and '.join(sides)} cup, {count} piece{'s' * (count > 1)}"
-    words += f", cut each {options.quantity} times" * (options.quantity > 1)
     own = [f"size {size}" for size in sizes if size and len(sizes) == 1] + [words]
+    kinds = {line.kind for column in columns for piece in column for line in piece.sew}
+    own += _alike(patterns, cut_words) + _alike(patterns, lambda options: allowance_words(options, kinds))
     return own + _cloths(patterns)
+
+
+def _alike(patterns: Sequence[Pattern], words: Callable[[PatternOptions], str]) -> list[str]:
+    """What is said of patterns: once where it is the same of all of them, else of each."""
+    told = [words(pattern.options) for pattern in patterns]
+    if len(set(told)) == 1:
+        return told[:1]
+    return [f"{one_line(pattern.size)}: {one}" for pattern, one in zip(patterns, told, strict=True)]
 
 
 def _cloths(patterns: Sequence[Pattern]) -> list[str]:

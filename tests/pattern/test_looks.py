@@ -43,16 +43,46 @@ def test_what_overlaps_is_found(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({}, "left cup, 2 pieces"),
-        ({"pair": True}, "left and right cup, 4 pieces"),
-        ({"pair": True, "quantity": 3}, "left and right cup, 4 pieces, cut each 3 times"),
+        ({}, "left cup, 2 pieces cut each piece once"),
+        ({"pair": True}, "left and right cup, 4 pieces cut each piece once"),
+        ({"pair": True, "quantity": 3}, "left and right cup, 4 pieces cut each piece 3 times"),
     ],
 )
-def test_cover_and_sheet_say_which_sides_and_what_size_are_drawn(options, words):
+def test_cover_and_sheet_say_which_sides_and_what_size_are_drawn_and_how_often_each_is_cut(options, words):
     made = pattern(size="75B", **options)
     for page in (paper_pages([made], "lune")[0], sheet_page([made], "lune")):
         info = " ".join(item.text for item in page.items if isinstance(item, Words) and item.layer == "info")
         assert f"size 75B {words}" in info
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, "allowances: wire 6.0 mm, seam 6.0 mm, upper 6.0 mm"),
+        (
+            {"wire": {"casing": 9.0, "play": 0.0, "spring": 0.0}, "units": "inch"},
+            "allowances: wire 0.39 in, casing 0.35 in more, seam 0.24 in, upper 0.00 in",
+        ),
+    ],
+)
+def test_cover_and_sheet_list_the_allowances(options, words):
+    """Labels of narrow pieces may have no room for them."""
+    widths = {"wire": 10.0, "ridge": 6.0, "upper": 0.0} if options else {"wire": 6.0, "ridge": 6.0, "upper": 6.0}
+    made = small(3, 0.4, allowance=widths, **options)
+    for page in (paper_pages([made], "lune")[0], sheet_page([made], "lune")):
+        info = " ".join(item.text for item in page.items if isinstance(item, Words) and item.layer == "info")
+        assert words in info
+
+
+def test_narrow_labels_keep_size_allowance_and_how_often_to_cut():
+    """Rather than the scan's name, the piece's number and the cloth, which the legend has."""
+    cloth = {"thickness": 2.0, "stretch": 20.0, "stretch_across": 0.0}
+    widths = {"wire": 10.0, "ridge": 6.0, "upper": 6.0}
+    made = small(4, 0.6, allowance=widths, cloth=cloth, size="75 D", material_width=30.0)
+    told = [", ".join(piece.label.lines) for piece in made.pieces]
+    assert any("stretch" not in words for words in told), "they are narrow"
+    for words in told:
+        assert all(one in words for one in ("left cup", "size 75 D", "cut 1", "allowance"))
 
 
 @pytest.mark.parametrize(

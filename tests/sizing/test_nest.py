@@ -216,6 +216,15 @@ def test_legend_tells_the_cloth_of_each_pattern_where_they_differ():
     assert not any(words.startswith(("units:", "lengths in")) for words in units)
 
 
+def test_legend_tells_the_allowances_of_each_pattern_where_they_differ():
+    widths = {"wire": 10.0, "ridge": 6.0, "upper": 0.0}
+    page = nest_page(nested([pattern(size="1"), pattern(size="2", allowance=widths, quantity=2)]), "title")
+    told = " ".join(item.text for item in page.items if isinstance(item, Words) and item.group == "legend")
+    assert "1: cut each piece once 2: cut each piece 2 times" in told
+    for words in ("1: allowances: wire 6.0 mm, seam 6.0 mm", "2: allowances: wire 10.0 mm, seam 6.0 mm, upper 0.0 mm"):
+        assert words in told
+
+
 def test_names_of_any_letters_are_kept_apart(tmp_path: Path):
     nest = nested([pattern(size="größe"), pattern(size="größt"), pattern(size="a" * 60), pattern(size="a" * 61)])
     (tmp_path / "nest.dxf").write_bytes(nest_dxf(nest))
