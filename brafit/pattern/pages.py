@@ -75,6 +75,11 @@ class Whole:
     height: float
     pieces: tuple[Named, ...]
 
+    @property
+    def names(self) -> list[str]:
+        """Of its pieces, which are names among all pieces."""
+        return [name for _, name, _ in self.pieces]
+
 
 @dataclass(frozen=True)
 class Tiled:
@@ -83,6 +88,11 @@ class Tiled:
     sheet: Sheet[CutPiece]
     piece: Named
     tiling: Tiling
+
+    @property
+    def names(self) -> list[str]:
+        """Of its piece, as of those of a whole page."""
+        return [self.piece[1]]
 
 
 def paper_pages(patterns: Sequence[Pattern], title: str, note: str = "") -> list[Page]:
@@ -109,7 +119,7 @@ def _count(parts: Sequence[Whole | Tiled]) -> int:
 
 
 def arrange(pieces: Sequence[Named], paper: str) -> list[Whole | Tiled]:
-    """Pieces in their order onto as few upright or lying pages as simple packing finds."""
+    """Pieces onto as few upright or lying pages as simple packing finds; pages in the order of their first pieces."""
     upright = PAPERS[paper]
     fitting: list[Named] = []
     large: list[Named] = []
@@ -121,12 +131,13 @@ def arrange(pieces: Sequence[Named], paper: str) -> list[Whole | Tiled]:
         pages = [_filled(fitting, *size) for size in (upright, upright[::-1])]
         best = max(pages, key=lambda page: len(page.pieces))
         parts.append(best)
-        done = {name for _, name, _ in best.pieces}
+        done = set(best.names)
         fitting = [named for named in fitting if named[1] not in done]
     for named in large:
         sheet = layout([named[0]])
         parts.append(Tiled(sheet, named, tile(sheet, paper)))
-    return parts
+    place = {name: k for k, (_, name, _) in enumerate(pieces)}
+    return sorted(parts, key=lambda part: min(place[name] for name in part.names))
 
 
 def fitted_piece(piece: CutPiece, paper: tuple[float, float]) -> CutPiece | None:
@@ -208,29 +219,44 @@ def _covers(patterns: Sequence[Pattern], parts: Sequence[Whole | Tiled], title: 
     return pages
 
 
-def _told(patterns: Sequence[Pattern], room: float) -> list[tuple[float, Words]]:
-    """Lines of finished dimensions and warnings, each with its distance from the line above, mm."""
+_Block = list[tuple[float, Words]]
+"""Lines that belong together, each with its distance from the line above, mm."""
+
+
+def _told(patterns: Sequence[Pattern], room: float) -> list[_Block]:
+    """Finished dimensions and warnings, a block for each piece and each warning."""
     cut = ", as cut" * any(pattern.reshaped for pattern in patterns)
-    lines = [(0.0, text(f"finished dimensions (sewing lines{cut})", MARGIN, 0, 3.8, bold=True))]
+    head = (0.0, text(f"finished dimensions (sewing lines{cut})", MARGIN, 0, 3.8, bold=True))
+    blocks: list[_Block] = []
     for pattern in patterns:
         for piece in pattern.pieces:
             lengths = ", ".join(f"{line.name} {pattern.options.length(line.length)}" for line in piece.sew)
-            for row, words in enumerate(wrapped(f"{pattern.name}, {piece.name}: {lengths}", 3.2, room)):
-                lines.append((5.0 if row == 0 else 3.2 * PITCH, text(words, MARGIN, 0, 3.2)))
-    for row, words in enumerate(warned_lines(warnings_of(patterns), room)):
-        lines.append((7.0 if row == 0 else ROW, text(words, MARGIN, 0, TEXT, bold=True, colour=RED)))
-    return lines
+            lines = wrapped(f"{pattern.name}, {piece.name}: {lengths}", 3.2, room)
+            blocks.append(_block([text(words, MARGIN, 0, 3.2) for words in lines], 5.0, 3.2 * PITCH))
+    blocks[0].insert(0, head)
+    for k, warning in enumerate(warnings_of(patterns)):
+        lines = [text(words, MARGIN, 0, TEXT, bold=True, colour=RED) for words in warned_lines([warning], room)]
+        blocks.append(_block(lines, ROW if k else 7.0, ROW))
+    return blocks
 
 
-def _flowed(lines: Sequence[tuple[float, Words]], level: float, top: float) -> list[list[Item]]:
-    """Lines from a level down, and where the page ends from the top of further ones."""
+def _block(lines: Sequence[Words], first: float, pitch: float) -> _Block:
+    return [(pitch if row else first, line) for row, line in enumerate(lines)]
+
+
+def _flowed(blocks: Sequence[_Block], level: float, top: float) -> list[list[Item]]:
+    """Blocks from a level down, and from the top of further pages; none is broken but one too long for a page."""
     pages: list[list[Item]] = [[]]
-    for drop, line in lines:
-        level -= drop
-        if level < 2 * MARGIN:
-            pages.append([])
-            level = top
-        pages[-1] += shifted([line], (0.0, level))
+    low = 2 * MARGIN
+    for block in blocks:
+        rest = sum(drop for drop, _ in block[1:])
+        whole = level - block[0][0] - rest >= low or top - rest < low
+        for row, (drop, line) in enumerate(block):
+            level -= drop
+            if level < low or not (whole or row):
+                pages.append([])
+                level = top
+            pages[-1] += shifted([line], (0.0, level))
     return pages
 
 

@@ -16,6 +16,7 @@ from brafit.pattern.label import text_width
 from brafit.pattern.lettering import LEAST, shortened, wrapped
 from brafit.pattern.pages import MARGIN, paper_pages
 from brafit.pattern.sheet import sheet_page
+from brafit.remarks import Remark
 
 
 @pytest.mark.parametrize("panels", [1, 2, 3])
@@ -121,6 +122,21 @@ def test_what_is_told_about_the_pieces_can_be_read_on_paper(name):
         printed = "".join(item.text for item in texts if item.layer == "info" and item.colour == RED)
         wanted = "".join(f"WARNING: {words}" for words in warnings_of(patterns))
         assert "".join(printed.split()) == "".join(wanted.split())
+
+
+def test_a_warning_is_not_broken_across_pages():
+    """However far down on the cover the last one begins."""
+    words = "of so many words that it takes lines " * 6
+    for above in range(6):
+        told = [f"short {k}" for k in range(above)] + [f"doubt {k}, {words} end {k}" for k in range(12)]
+        made = replace(warned(), fit_warnings=tuple(Remark("unsure", one) for one in told))
+        pages = paper_pages([made], "lune")
+        texts = [[item for item in page.items if isinstance(item, Words) and item.layer == "info"] for page in pages]
+        read = [" ".join(item.text for item in own if item.colour == RED) for own in texts]
+        assert sum("doubt" in page for page in read) > 1
+        for k in range(12):
+            (page,) = (page for page in read if f"doubt {k}," in page)
+            assert f"end {k}" in page
 
 
 def test_a_sentence_is_wrapped_and_a_name_is_shortened_in_its_middle():

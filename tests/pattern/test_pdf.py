@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -112,6 +113,20 @@ def test_a_piece_just_too_long_is_turned():
     piece, *_ = whole.pieces[0]
     assert np.ptp(lying.pieces[0].bounds, axis=0)[0] > 277
     assert np.ptp(piece.bounds, axis=0)[0] < 277
+
+
+def test_pages_follow_the_order_of_the_pieces(tmp_path):
+    """Also where the first and the last are larger than the paper, and the one between them is not."""
+    lengths = [1.8, 0.6, 1.8]
+    made = [replace(small(1, scale), name=f"size {k}") for k, scale in enumerate(lengths)]
+    names = [name for _, name, _ in named_pieces(made)]
+    parts = arrange(named_pieces(made), "letter")
+    assert [type(part) for part in parts] == [Tiled, Whole, Tiled]
+    assert [name for part in parts for name in part.names] == names
+    write_pdf_tiles(tmp_path / "p.pdf", made, "lune")
+    told = subprocess.run([program("pdftotext"), tmp_path / "p.pdf", "-"], check=True, capture_output=True, text=True)
+    feet = re.findall(r"page \d+ of \d+: (.*), [A-Z]\d", told.stdout)
+    assert list(dict.fromkeys(feet)) == [names[0], names[2]]
 
 
 def test_tiles_cover_a_large_piece_and_overlap():
