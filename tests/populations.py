@@ -19,12 +19,13 @@ SETTINGS = {
 }
 
 
-def made_cup(radius: float, reach: float, amount: float = 0.0) -> tuple[StripsCup, np.ndarray]:
+def made_cup(radius: float, reach: float, amount: float = 0.0, panels: int = 2) -> tuple[StripsCup, np.ndarray]:
     """A cup on a half circle (mm), deeper with larger reach, its parameters changed a little; and its wire line."""
     angle = np.linspace(0, math.pi, 41)
     line = radius * np.stack((np.sin(angle), 1 - np.cos(angle), 0.05 * np.sin(2 * angle)), axis=1)
-    cup = StripsCup(Wire.from_polyline(line), panels=2, terms=5, nodes=24, output_nodes=48)
-    cup.start(torch.tensor([[0.7, 1.4]], dtype=torch.float64), torch.tensor([[reach, reach]], dtype=torch.float64))
+    cup = StripsCup(Wire.from_polyline(line), panels=panels, terms=5, nodes=24, output_nodes=48)
+    angles = 1.4 * torch.arange(1, panels + 1, dtype=torch.float64)[None] / panels
+    cup.start(angles, torch.full_like(angles, reach))
     cup.load_flat(varied(cup, amount))
     return cup, line
 

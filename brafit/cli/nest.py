@@ -34,7 +34,6 @@ def _parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
-    from brafit.pattern.finish import warnings_of
     from brafit.run.folder import make_writable
     from brafit.sizing.cloth import check_thickness, cloth_notes
     from brafit.sizing.drawing import write_nest
@@ -62,11 +61,12 @@ def _run(options: argparse.Namespace) -> int:
     if not patterns:
         raise ConfigError("there is no good fit in these folders: fit the scans first")
     notes = [f"{failed} scan{'s' * (failed > 1)} whose fit failed left out"] * bool(failed)
-    for words in [*notes, *cloth_notes(fits), *(f"warning: {words}" for words in warnings_of(patterns))]:
+    nest = nested(patterns, options.align)
+    for words in [*notes, *cloth_notes(fits), *(f"warning: {words}" for words in nest.warnings)]:
         print(words, file=sys.stderr)
     sides = f"drawn for the left breast{' and the right one' * options.pair}"
     title = f"{len(patterns)} pattern{'s' * (len(patterns) > 1)}"
-    write_nest(options.out, nested(patterns, options.align), title, sides)
+    write_nest(options.out, nest, title, sides)
     print(f"{title}, {sides}: {shown(str(options.out))}/patterns.svg, .dxf, .pdf")
     return SOME_FAILED if refused or failed else ALL_OK
 

@@ -103,9 +103,11 @@ def _written(
     names = size_names(len(chosen))
     patterns = [pattern_of(fit, name, options.pair, size=name) for fit, name in zip(chosen, names, strict=True)]
     title = f"{len(chosen)} size{'s' * (len(chosen) > 1)} of {len(fits)} cups"
-    _draw(options, title, nested(patterns, options.align), shapes, sizes, found)
+    nest = nested(patterns, options.align)
+    _draw(options, title, nest, shapes, sizes, found)
     write_tables(options.out, sizes, member_rows(found, fits, gap), graded, found)
-    warnings = [f"warning: size {words}" for words in warnings_of(patterns)]
+    warnings = [f"warning: {words}" for words in nest.unlike]
+    warnings += [f"warning: size {words}" for words in warnings_of(patterns)]
     write_page(options.out, title, sizes, graded, found, [*notes, *warnings])
     return [*warnings, *_summary(found, sizes), f"Results: {shown(str(options.out / 'index.html'))}"]
 

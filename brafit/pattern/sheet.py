@@ -62,7 +62,7 @@ def sheet_page(patterns: Sequence[Pattern], title: str, note: str = "") -> Page:
     head = 12.0 + 6.0 * bool(note)
     inner = max(sheet.width, CONTROL + GAP + ROOM)
     below, legend_height = legend(patterns, np.zeros(2))
-    told, told_height = told_below(patterns, inner)
+    told, told_height = told_below(warnings_of(patterns), inner)
     foot = max(CONTROL, legend_height) + told_height
     width, height = inner + 2 * MARGIN, head + sheet.height + GAP + foot + 2 * MARGIN
     corner = np.array(((width - sheet.width) / 2, MARGIN + foot + GAP))
@@ -90,9 +90,9 @@ def warned_lines(warnings: Sequence[str], room: float) -> list[str]:
     return [line for words in warnings for line in wrapped(f"WARNING: {words}", TEXT, room, bold=True)]
 
 
-def told_below(patterns: Sequence[Pattern], room: float) -> tuple[list[Item], float]:
-    """All warnings of patterns, to stand at the foot of a sheet, from (0, 0) upwards; and the height that they take."""
-    lines = warned_lines(warnings_of(patterns), room)
+def told_below(warnings: Sequence[str], room: float) -> tuple[list[Item], float]:
+    """Warnings in full, to stand at the foot of a sheet, from (0, 0) upwards; and the height that they take, mm."""
+    lines = warned_lines(warnings, room)
     items: list[Item] = [
         text(line, 0.0, ROW * (len(lines) - row - 0.5), TEXT, bold=True, colour=RED) for row, line in enumerate(lines)
     ]

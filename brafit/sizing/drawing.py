@@ -15,7 +15,6 @@ from numpy import ndarray
 from brafit.atomic import write_bytes
 from brafit.pattern.drawing import BLACK, INFO, Item, Page, Stroke, Words, line_of, shifted
 from brafit.pattern.dxf import block_name, plain, tags
-from brafit.pattern.finish import warnings_of
 from brafit.pattern.lettering import one_line, text
 from brafit.pattern.pdf import write_pages
 from brafit.pattern.sheet import CONTROL, GAP, MARGIN, ROOM, control_square, heading, legend, told_below, warned_lines
@@ -57,7 +56,7 @@ def nest_page(nest: Nest, title: str, note: str = "") -> Page:
     """
     key, height = legend(nest.patterns, np.zeros(2))
     room = max(nest.width, CONTROL + 2 * GAP + 2 * ROOM)
-    told, told_height = told_below(nest.patterns, room)
+    told, told_height = told_below(nest.warnings, room)
     foot = max(CONTROL, height, LINE * len(nest.layers)) + told_height
     width, top = room + 2 * MARGIN, MARGIN + foot
     tall = top + GAP + nest.height + 20.0 + MARGIN
@@ -109,7 +108,7 @@ def nest_dxf(nest: Nest) -> bytes:
         entities.append(_words(Words(layer.name, at, 3.6), f"{name}_TEXT"))
     square = np.array(((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))) * CONTROL + (0, bottom)
     entities += [_words(own, "NAMES") for own in nest.names]
-    for row, words in enumerate(reversed(warned_lines(warnings_of(nest.patterns), 4 * CONTROL))):
+    for row, words in enumerate(reversed(warned_lines(nest.warnings, 4 * CONTROL))):
         at = np.array((0.0, bottom + CONTROL + LINE * (row + 1)))
         entities.append(_words(Words(words, at, 3.6, centred=False), "WARNINGS"))
     entities.append(_polyline(square, "CONTROL"))

@@ -14,7 +14,9 @@ from numpy import ndarray
 from shapely import Polygon
 
 from brafit.pattern import CutPiece, Pattern, layout, layout_columns
+from brafit.pattern.allowance import valid_polygon
 from brafit.pattern.drawing import INFO, Item, Stroke, Words, drawn
+from brafit.pattern.finish import warnings_of
 from brafit.pattern.label import text_width
 from brafit.pattern.marks import BUST_POINT, MATCH_POINT
 
@@ -62,6 +64,7 @@ class Nest:
         width, height: of all of them.
         patterns: of which it is.
         names: of pieces that lie on one another, beside them.
+        unlike: warnings of pieces that lie on one another though they are no sizes of one piece.
     """
 
     layers: tuple[Layer, ...]
@@ -69,6 +72,12 @@ class Nest:
     height: float
     patterns: tuple[Pattern, ...]
     names: tuple[Words, ...] = ()
+    unlike: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> list[str]:
+        """Those of the nest and of its patterns."""
+        return [*self.unlike, *warnings_of(self.patterns)]
 
 
 @dataclass(frozen=True)
@@ -127,7 +136,20 @@ def nested(patterns: Sequence[Pattern], align: Align = "apex") -> Nest:
         own = {"series": pattern.size, "colour": _colour(hue)}
         layers.append(Layer(pattern.size, hue, tuple(replace(item, **own) for item in items)))
     names = () if align == "none" else tuple(_stack_name(stack, several) for stack in sheet.pieces)
-    return Nest(tuple(layers), sheet.width, sheet.height, tuple(patterns), names)
+    unlike = () if align == "none" else tuple(_unlike(patterns))
+    return Nest(tuple(layers), sheet.width, sheet.height, tuple(patterns), names, unlike)
+
+
+def _unlike(patterns: Sequence[Pattern]) -> list[str]:
+    """Where cups have different numbers of panels: the lower panel of two is no other size of that of three."""
+    by_count: dict[int, list[str]] = {}
+    for pattern in patterns:
+        by_count.setdefault(len(pattern.pieces), []).append(pattern.name)
+    if len(by_count) == 1:
+        return []
+    told = "; ".join(f"{n} panel{'s' * (n > 1)}: {', '.join(own)}" for n, own in sorted(by_count.items()))
+    words = f"the cups have different numbers of panels ({told}), so pieces of one name are different parts of them"
+    return [f"{words}; lay them side by side (--align none), or nest cups of one number"]
 
 
 def anchor(piece: CutPiece, align: Align) -> Float[ndarray, "2"]:
@@ -161,7 +183,7 @@ def _named(piece: CutPiece, several: bool) -> str:
 def _stack_name(stack: _Placed, several: bool) -> Words:
     """The name of pieces that lie on one another, in a corner that they leave free."""
     name, (low, high) = _named(stack.pieces[0][1], several), stack.bounds
-    cloth = shapely.union_all([Polygon(piece.cut_outline(0.5)) for _, piece in stack.pieces])
+    cloth = shapely.union_all([valid_polygon(piece.cut_outline(0.5)) for _, piece in stack.pieces])
     half = np.array((text_width(name, NAME, bold=True), NAME)) / 2
     corners = ((low[0], high[1]), (high[0], high[1]), low, (high[0], low[1]))
     words = [Words(name, np.clip(corner, low + half, high - half), NAME, bold=True, layer=INFO) for corner in corners]

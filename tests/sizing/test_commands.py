@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ezdxf.filemanagement import readfile
-from populations import made_cup, write_fit, write_population
+from populations import SETTINGS, made_cup, write_fit, write_population
 
 import brafit
 from brafit.cli import nest, sizes
@@ -158,6 +158,19 @@ def test_warnings_of_fits_are_said_and_drawn(tmp_path: Path, capsys):
     assert (tmp_path / "nest" / "patterns.svg").read_text(encoding="utf-8").count(f">WARNING: {words}<") == 1
     texts = readfile(tmp_path / "nest" / "patterns.dxf").modelspace().query('TEXT[layer=="WARNINGS"]')
     assert [text.dxf.text for text in texts] == [f"WARNING: {words}"]
+
+
+def test_cups_of_different_numbers_of_panels_are_told(tmp_path: Path, capsys):
+    """Their lower panels are different parts of the cup."""
+    settings = SETTINGS | {"cup": SETTINGS["cup"] | {"panels": 3}}
+    write_fit(tmp_path / "run" / "two", *made_cup(*KINDS[0]))
+    write_fit(tmp_path / "run" / "three", *made_cup(*KINDS[0], panels=3), settings=settings)
+    words = "the cups have different numbers of panels (2 panels: two; 3 panels: three)"
+    assert run(nest, tmp_path / "run", "--out", tmp_path / "nest") == 0
+    assert capsys.readouterr().err.count(f"warning: {words}") == 1
+    assert f"WARNING: {words}" in (tmp_path / "nest" / "patterns.svg").read_text(encoding="utf-8")
+    assert run(nest, tmp_path / "run", "--align", "none", "--out", tmp_path / "apart") == 0
+    assert words not in capsys.readouterr().err
 
 
 def test_scans_of_one_name_are_told_apart_by_their_folders(population, tmp_path: Path):
