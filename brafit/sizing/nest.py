@@ -15,10 +15,11 @@ from shapely import Polygon
 
 from brafit.pattern import CutPiece, Pattern, layout, layout_columns
 from brafit.pattern.allowance import valid_polygon
-from brafit.pattern.drawing import INFO, Item, Stroke, Words, drawn
+from brafit.pattern.drawing import INFO, Item, Stroke, Words, drawn, line_of
 from brafit.pattern.finish import warnings_of
 from brafit.pattern.label import text_width
 from brafit.pattern.marks import BUST_POINT, MATCH_POINT
+from brafit.sizing.callouts import callouts
 
 Align = Literal["apex", "wire", "none"]
 ALIGNS: tuple[Align, ...] = ("apex", "wire", "none")
@@ -37,7 +38,8 @@ class Layer:
         name: of the size.
         hue: number of its colour, 0 to HUES - 1.
         items: its lines, piece by piece (`group`), and its name on each; the pieces' own texts only where pieces lie
-            side by side, for otherwise they would lie on one another. All are of the series `name`.
+            side by side, for otherwise they would lie on one another and have lines to the names of the marks instead.
+            All are of the series `name`.
     """
 
     name: str
@@ -63,7 +65,7 @@ class Nest:
         layers: a size each.
         width, height: of all of them.
         patterns: of which it is.
-        names: of pieces that lie on one another, beside them.
+        names: of pieces that lie on one another, beside them; then those of their marks.
         unlike: warnings of pieces that lie on one another though they are no sizes of one piece.
     """
 
@@ -125,6 +127,8 @@ def nested(patterns: Sequence[Pattern], align: Align = "apex") -> Nest:
                 stacks.setdefault(name, []).append((k, piece.map(lambda points, at=at: points - at)))
         sheet = layout([_Placed(tuple(stack)) for stack in stacks.values()], GAP)
     placed = [entry for stack in sheet.pieces for entry in stack.pieces]
+    named = [] if align == "none" else [_named_stack(stack, patterns, several) for stack in sheet.pieces]
+    leaders = [line for _, _, lines in named for line in lines]
     layers = []
     for k, pattern in enumerate(patterns):
         hue, items = _hue(k, len(patterns)), []
@@ -133,9 +137,10 @@ def nested(patterns: Sequence[Pattern], align: Align = "apex") -> Nest:
                 items += drawn(piece, _named(piece, several))
             else:
                 items += [*_lines(piece, several), _size(piece, pattern.size, k, len(patterns))]
+        items += [line for owner, line in leaders if owner == k]
         own = {"series": pattern.size, "colour": _colour(hue)}
         layers.append(Layer(pattern.size, hue, tuple(replace(item, **own) for item in items)))
-    names = () if align == "none" else tuple(_stack_name(stack, several) for stack in sheet.pieces)
+    names = (*(name for name, _, _ in named), *(mark for _, marks, _ in named for mark in marks))
     unlike = () if align == "none" else tuple(_unlike(patterns))
     return Nest(tuple(layers), sheet.width, sheet.height, tuple(patterns), names, unlike)
 
@@ -188,6 +193,21 @@ def _stack_name(stack: _Placed, several: bool) -> Words:
     corners = ((low[0], high[1]), (high[0], high[1]), low, (high[0], low[1]))
     words = [Words(name, np.clip(corner, low + half, high - half), NAME, bold=True, layer=INFO) for corner in corners]
     return min(words, key=lambda own: cloth.intersection(Polygon(own.corners).buffer(1.0)).area)
+
+
+def _named_stack(
+    stack: _Placed, patterns: Sequence[Pattern], several: bool
+) -> tuple[Words, list[Words], list[tuple[int, Stroke]]]:
+    """The name of pieces that lie on one another, the names of their marks, and the lines from these to the marks, each
+    with the number of its pattern."""
+    name = _stack_name(stack, several)
+    sizes = [_size(piece, patterns[k].size, k, len(patterns)) for k, piece in stack.pieces]
+    called = callouts([piece for _, piece in stack.pieces], [name, *sizes])
+    lines = []
+    for k, ends in (leader for callout in called for leader in callout.leaders):
+        owner, piece = stack.pieces[k]
+        lines.append((owner, Stroke("text", "leader", "leader", (line_of(ends),), group=_named(piece, several))))
+    return name, [callout.words for callout in called], lines
 
 
 def _size(piece: CutPiece, name: str, k: int, count: int) -> Words:

@@ -12,7 +12,7 @@ import svgelements
 from ezdxf.entities.text import Text
 from ezdxf.filemanagement import readfile
 from patterns import pattern, program
-from shapely import Polygon
+from shapely import LineString, Polygon
 
 from brafit.pattern import Pattern
 from brafit.pattern.drawing import LAYERS, Stroke, Words
@@ -194,9 +194,37 @@ def test_pieces_of_a_nest_have_their_names(align: Align, tmp_path: Path):
             assert {text for piece in one.pieces for text in piece.label.all_lines} <= words
             assert {text for piece in one.pieces for text in piece.label.all_lines} <= {text.dxf.text for text in read}
     else:
-        assert [words.text for words in nest.names] == named
-        assert not any(Polygon(words.corners).intersects(piece) for words in nest.names for piece in cloth)
-        assert [text.dxf.text for text in read if text.dxf.layer == "NAMES"] == named
+        names = [words.text for words in nest.names]
+        assert names[: len(named)] == named
+        assert not any(Polygon(own.corners).intersects(piece) for own in nest.names[: len(named)] for piece in cloth)
+        assert [text.dxf.text for text in read if text.dxf.layer == "NAMES"] == names
+
+
+@pytest.mark.parametrize("align", ["apex", "wire"])
+def test_marks_of_a_nest_are_named_once_with_a_line_to_each(align: Align):
+    """The legend shows most of them as one tick. Names meet nothing that is drawn; a line ends at each mark."""
+    sizes = three()
+    nest = nested(sizes, align)
+    marks = nest.names[len(sizes[0].pieces) :]
+    wanted = [{*(n.name for n in piece.notches if n.name), *(h.name for h in piece.holes)} for piece in sizes[0].pieces]
+    assert sorted(words.text for words in marks) == sorted(name for own in wanted for name in own)
+    boxes = [Polygon(words.corners) for words in marks]
+    for layer, one in zip(nest.layers, sizes, strict=True):
+        texts = [Polygon(item.corners) for item in layer.items if isinstance(item, Words)]
+        assert not any(box.intersects(text) for box in boxes for text in texts)
+        for piece in one.pieces:
+            strokes = strokes_of(layer)[piece.name]
+            drawn = [LineString(curve.polyline(0.1)) for stroke in strokes if stroke.role != "leader"
+                     for path in stroke.paths for curve in path]  # fmt: skip
+            assert not any(box.intersects(line) for box in boxes for line in drawn)
+            shift = next(s for s in strokes if s.role == "edge wire" or s.role == "edge ridge").paths[0][0].start
+            feet = [n.foot for n in piece.notches if n.name] + [h.point for h in piece.holes]
+            ends = [s.paths[0][0].end for s in strokes if s.role == "leader"]
+            np.testing.assert_allclose(
+                sorted(np.round(ends, 6).tolist()),
+                sorted(np.round(feet + shift - piece.sew[0].curve.start, 6).tolist()),
+                atol=1e-5,
+            )
 
 
 def test_legend_tells_the_cloth_of_each_pattern_where_they_differ():
