@@ -25,7 +25,7 @@ def label_stages(
         number: of the piece, in words.
         date: may be empty.
     """
-    kinds = [edge.kind for edge in piece.edges]
+    kinds: list[Kind] = [edge.kind for edge in piece.edges]
     allowances = {options.allowance[kind] for kind in kinds}
     own = options.length(options.allowance[kinds[0]]) if len(allowances) == 1 else _allowances(options, kinds)
     casing = options.wire["casing"] if "wire" in kinds else 0.0
@@ -50,7 +50,8 @@ def label_stages(
 
 def allowance_words(options: PatternOptions, kinds: Collection[Kind]) -> str:
     """What the legend says of the allowances of these kinds of edges."""
-    return f"allowances: {_allowances(options, [kind for kind in KIND_NAMES if kind in kinds], casing=True)}"
+    own: list[Kind] = [kind for kind in KIND_NAMES if kind in kinds]
+    return f"allowances: {_allowances(options, own, casing=True)}"
 
 
 def _allowances(options: PatternOptions, kinds: Sequence[Kind], casing: bool = False) -> str:

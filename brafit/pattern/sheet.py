@@ -31,7 +31,7 @@ from brafit.pattern.lettering import PITCH, one_line, paragraph, text, wrapped
 from brafit.pattern.marks import BUST_POINT, MATCH_POINT
 from brafit.pattern.notch import Notch
 from brafit.pattern.options import PatternOptions
-from brafit.pattern.piece import Hole, layout_columns
+from brafit.pattern.piece import Hole, Kind, layout_columns
 
 MARGIN, GAP, CONTROL = 12.0, 10.0, 100.0
 """Free border of a sheet, distance of pieces, side of the control square; mm."""
@@ -142,7 +142,7 @@ def _contents(patterns: Sequence[Pattern]) -> list[str]:
     count = sum(map(len, columns))
     words = f"{' and '.join(sides)} cup, {count} piece{'s' * (count > 1)}"
     own = [f"size {size}" for size in sizes if size and len(sizes) == 1] + [words]
-    kinds = {line.kind for column in columns for piece in column for line in piece.sew}
+    kinds: set[Kind] = {line.kind for column in columns for piece in column for line in piece.sew}
     own += _alike(patterns, cut_words) + _alike(patterns, lambda options: allowance_words(options, kinds))
     return own + _cloths(patterns)
 

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from brafit.pattern import CutPiece
 from brafit.pattern.drawing import INFO, Stroke, Words, drawn
-from brafit.pattern.label import LEVEL, box_corners, text_width
+from brafit.pattern.label import LEVEL, box_corners, polygons, text_width
 
 HEIGHT = 3.0
 """Of the letters, mm."""
@@ -67,10 +67,10 @@ def _placed(
     half = np.array((width, HEIGHT)) / 2
     axes = [np.arange(a, max(b, a + 1e-6), _STEP) for a, b in zip(low + half, high - half, strict=True)]
     at = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    boxes = shapely.polygons(box_corners(at, LEVEL[None], width, HEIGHT))
+    boxes = polygons(box_corners(at, LEVEL[None], width, HEIGHT))
     hits = STRtree(boxes).query(list(taken), predicate="dwithin", distance=_CLEAR)[1]
     lines = np.bincount(hits, minlength=len(at))
-    far = sum(shapely.distance(boxes, Point(*foot)) for _, foot in feet)
+    far = np.sum([shapely.distance(boxes, Point(*foot)) for _, foot in feet], axis=0)
     k = int(np.lexsort((far, lines))[0])
     words = Words(name, at[k], HEIGHT, layer=INFO)
     leaders = [(piece, shapely.get_coordinates(shapely.shortest_line(boxes[k], Point(*foot)))) for piece, foot in feet]

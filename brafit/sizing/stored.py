@@ -151,8 +151,8 @@ def _read(folder: Path, content: Mapping[str, Any]) -> StoredFit:
 
 def _warnings(content: Mapping[str, Any]) -> tuple[Remark, ...]:
     """Those of a fit, each with its remedy and what it is about in its text."""
-    told = zip(content.get("warning_codes", ()), content.get("warnings", ()), strict=True)
-    return tuple(Remark(str(code), str(words)) for code, words in told)
+    codes, words = (map(str, content.get(key, ())) for key in ("warning_codes", "warnings"))
+    return tuple(map(Remark, codes, words))
 
 
 def _own_panels(cup: dict[str, Any], content: Mapping[str, Any]) -> dict[str, Any]:

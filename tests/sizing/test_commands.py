@@ -7,6 +7,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -150,7 +151,7 @@ def test_cups_of_other_thickness_are_not_nested_but_lie_side_by_side(population,
 
 def test_warnings_of_fits_are_said_and_drawn(tmp_path: Path, capsys):
     write_population(tmp_path / "run", KINDS[:1], 2)
-    told = {"warnings": ["the wire's outer end is a guess"], "warning_codes": ["proposed_landmarks"]}
+    told: dict[str, Any] = {"warnings": ["the wire's outer end is a guess"], "warning_codes": ["proposed_landmarks"]}
     write_fit(tmp_path / "run" / "guessed", *made_cup(*KINDS[0]), **told)
     assert run(nest, tmp_path / "run", "--out", tmp_path / "nest") == 0
     words = "guessed: the wire's outer end is a guess"
