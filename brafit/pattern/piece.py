@@ -22,7 +22,7 @@ from brafit.geometry.polyline import polyline_length, running_length
 Kind = Literal["wire", "ridge", "upper"]
 """What an edge is sewn to: the wire casing, the neighbouring panel, or nothing (the free upper edge)."""
 
-KIND_NAMES: Mapping[str, str] = {"wire": "wire", "ridge": "seam", "upper": "upper"}
+KIND_NAMES: Mapping[Kind, str] = {"wire": "wire", "ridge": "seam", "upper": "upper"}
 """What labels call them."""
 
 Side = Literal["left", "right"]
