@@ -22,6 +22,7 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
 from brafit import __version__
@@ -45,7 +46,7 @@ from brafit.settings.quoting import unquoted
 if TYPE_CHECKING:
     from brafit.run.job import Job, Row
 
-_STATUSES = "BRAFIT_STATUSES"
+_STATUSES = ".statuses"
 
 # What the callback below saw in this process: None while no job was begun, else the exit status.
 _status: int | None = None
@@ -57,7 +58,7 @@ class Statuses(Callback):
     """Brings the exit status of every job to the process that the user started.
 
     Hydra drops what a job returns. A sweep's jobs may run in other processes, on other machines: each leaves its status
-    in a folder inside the sweep's, which the environment names.
+    in a folder inside the sweep's.
     """
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
@@ -85,21 +86,21 @@ class Statuses(Callback):
         excluded = ",".join(key for key in fixed)
         with read_write(config), open_dict(config):
             config.hydra.overrides.hydra.append(f"hydra.job.config.override_dirname.exclude_keys=[{excluded}]")
-        folder = Path(config.hydra.sweep.dir).absolute() / ".statuses"
+        folder = Path(config.hydra.sweep.dir) / _STATUSES
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        os.environ[_STATUSES] = str(folder)
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
-        if _STATUSES in os.environ:
+        output = Path(config.hydra.runtime.output_dir)
+        statuses = output.parent / _STATUSES  # found by its place: jobs on a cluster have nothing else of the sweep's
+        if config.hydra.mode == RunMode.MULTIRUN and statuses.is_dir():
             fixed = set(config.hydra.job.config.override_dirname.exclude_keys)
             own = (text.partition("=") for text in config.hydra.overrides.task)
             overrides = {key: unquoted(value) for key, _, value in own if key not in fixed}
-            job = SweepJob(Path(config.hydra.runtime.output_dir).name, overrides, _status_of(job_return))
-            write_status(Path(os.environ[_STATUSES]), config.hydra.job.num, job)
+            write_status(statuses, config.hydra.job.num, SweepJob(output.name, overrides, _status_of(job_return)))
 
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
-        folder = Path(os.environ.pop(_STATUSES))
+        folder = Path(config.hydra.sweep.dir) / _STATUSES
         jobs = read_statuses(folder)
         shutil.rmtree(folder)
         if not jobs:
