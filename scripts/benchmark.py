@@ -492,8 +492,7 @@ def report_gpu_run(folder: str, rescans: int = 1024) -> None:
         return
     with tempfile.TemporaryDirectory() as work:
         write_rescans(Path(folder).resolve(), Path(work), rescans)
-        for name in ("cuda", "cpu"):
-            more = ["device=cuda", "batch=1024"] if name == "cuda" else []
+        for name, more in (("cuda", ["device=cuda", "batch=1024"]), ("cpu", [])):
             wall, cpu = whole_run(Path(work), "experiment=lean", *more)
             print(
                 f"the command, {rescans} scans, lean, device={name}, {cores()} cores: {rescans / wall:.1f} scans/s,"
