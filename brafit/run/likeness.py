@@ -46,7 +46,7 @@ BEHIND = 0.05
 ROUGH = 1.8
 """Scatter (mm) of cleaned points that alone puts a twentieth of them FAR from a cup (`brafit.fitting.loop`)."""
 LOOK = "look at the points and the lines with brafit-inspect"
-FAR = f"{LOOK}: they may not be one breast's, or the cup needs more panels (cup.panels)"
+LOOK_OR_PANELS = f"{LOOK}: they may not be one breast's, or the cup needs more panels (cup.panels)"
 _TRACED = f"check that the landmark file is this scan's, and mark on its skin: {LOOK}"
 
 
@@ -55,13 +55,13 @@ BOUNDS: Mapping[str, Bound] = {
         "the cup is far from the points: RMS {value}",
         usual=(0.0, 0.035),
         possible=(0.0, 0.06),
-        remedy=FAR,
+        remedy=LOOK_OR_PANELS,
     ),
     "p95": Bound(
         "a twentieth of the points is farther from the cup than {value}",
         usual=(0.0, 0.075),
         possible=(0.0, 0.12),
-        remedy=FAR,
+        remedy=LOOK_OR_PANELS,
     ),
     "max": Bound(
         "a point is {value} from the cup",
