@@ -374,7 +374,7 @@ def _judged(
     if fit.code is ResultCode.STEP_LIMIT:
         warnings.append(Remark("step_limit", "the fit stopped at its step limit, perhaps short of the best cup"))
     if far > FAR_SHARE:
-        cause = f"{far:.1%} of the points are more than {FAR:g} mm from the cup"
+        cause = f"{100 * far:.1f} % of the points are more than {FAR:g} mm from the cup"
         warnings.append(Remark("far_points", cause, remedy="more panels follow it closer"))
     if fit.figures["outline_sd_mm"] > UNCERTAIN:
         sd = fit.figures["outline_sd_mm"]

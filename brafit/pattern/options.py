@@ -118,6 +118,12 @@ class PatternOptions:
         value = millimetres / UNITS[self.units]
         return f"{value:.{digits}f} mm" if self.units == "mm" else f"{value:.{digits + 1}f} in"
 
+    def area(self, square_centimetres: float, digits: int = 1) -> str:
+        """An area as tables show it, with its unit."""
+        if self.units == "mm":
+            return f"{square_centimetres:.{digits}f} cm²"
+        return f"{square_centimetres * (10 / UNITS[self.units]) ** 2:.{digits}f} in²"
+
 
 def _one_of(name: str, value: str, choices: Collection[str]) -> None:
     if value not in choices:

@@ -30,6 +30,8 @@ DOTS = 6000
 """Points of a cloud that the 3D view shows at most."""
 EXACT = "Wire, neckline, marks, and the surface that is assumed where the scan has no points, are taken as exact"
 """What the standard deviations do not know of."""
+LABELLED = "pattern.units"
+"""In place of a unit: that of the pattern's labels."""
 _STRIPS, _FOLDS = 6, 9
 
 
@@ -127,18 +129,22 @@ def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension], pattern: Pat
         ("RMS distance", row.get("rms_mm"), "mm", 2),
         ("95 % of the points within", row.get("p95_mm"), "mm", 2),
         ("seam to bust point", row.get("seam_to_apex_mm"), "mm", 1),
-        ("wire", row.get("wire_length_mm"), "mm", 1),
-        ("depth", depth, "mm", 1),
+        ("wire", row.get("wire_length_mm"), LABELLED, 1),
+        ("depth", depth, LABELLED, 1),
         ("twist at most", row.get("twist_deg_max"), "degrees", 2),
         seams,
     ]
-    shown = [(name, number(value), unit, places) for name, value, unit, places in facts]
+    told = [(name, number(value), unit, places) for name, value, unit, places in facts]
     cells = [
-        f"<div><b>{text(fixed(value, places))} {unit}</b><span>{name}</span></div>"
-        for name, value, unit, places in shown
+        f"<div><b>{text(_measure(value, unit, places, pattern))}</b><span>{name}</span></div>"
+        for name, value, unit, places in told
         if value is not None
     ]
     return f'<div class="facts">{"".join(cells)}</div>'
+
+
+def _measure(value: float, unit: str, places: int, pattern: Pattern) -> str:
+    return pattern.options.length(value, places) if unit == LABELLED else f"{fixed(value, places)} {unit}"
 
 
 def _warnings(warnings: Sequence[str]) -> str:
@@ -202,7 +208,7 @@ def _dimension_table(dimensions: Sequence[Dimension], pattern: Pattern) -> str:
         part = d.part
         own = measured_on(d.part, d.name)
         cut = f", {own}" * (pattern.reshaped and own != measured_on(d.part, ""))
-        value = pattern.options.length(d.value) if d.unit == "mm" else f"{d.value:.1f} cm²"
+        value = (pattern.options.length if d.unit == "mm" else pattern.options.area)(d.value)
         doubt = "" if d.sd is None else _doubt(d, pattern)
         cells = f'<td>{text(d.name)}{cut}</td><td class="number">{value}</td><td class="number soft">{doubt}</td>'
         lines.append(f"<tr><th>{text(first)}</th>{cells}</tr>")
@@ -245,7 +251,7 @@ def _doubt(d: Dimension, pattern: Pattern) -> str:
     """Standard deviation of a dimension, with a digit more than its value."""
     sd = d.sd or 0.0
     if d.unit != "mm":
-        return f"± {sd:.2f} cm²"
+        return f"± {pattern.options.area(sd, 2)}"
     return f"± {sd / 25.4:.3f}" if pattern.options.units == "inch" else f"± {sd:.2f}"
 
 
@@ -266,7 +272,9 @@ def _figure_table(row: Mapping[str, Any], pattern: Pattern) -> str:
         meaning = "as the pieces are cut, the two sides of a seam differ in length by, at most"
         value = text(fixed(pattern.seam_difference))
         lines.append(f'<tr><td>{meaning}</td><td class="number">{value}</td><td>mm</td></tr>')
-    return f"<table>{''.join(lines)}</table>"
+    words = "Fit, checks and warnings are in mm, as scans and settings are; pieces and dimensions in inches."
+    note = f'<p class="soft">{words}</p>' if pattern.options.units == "inch" else ""
+    return f"<table>{''.join(lines)}</table>{note}"
 
 
 def _data(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from brafit.errors import InputError
@@ -46,4 +47,4 @@ def collect(folders: Sequence[str | Path], out: str | Path | None = None) -> lis
     write_parquet(target / "summary.parquet", rows)
     places = [Path(os.path.relpath(path, target)).as_posix() for path, _ in found]
     write_index(target / "index.html", rows, [done.warnings for _, done in found], places)
-    return [done for _, done in found]
+    return [replace(done, kept=False) for _, done in found]

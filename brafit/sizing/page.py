@@ -20,6 +20,29 @@ METHOD = (
     "error: root mean square distance of these points, mm; how far they are apart along the surface counts as well. "
     "gap: how far the wearer's own cup is from the nearest points of her size."
 )
+_SETS = {"best": "best sizes", "wire_groups": "groups by wire length", "by_wire": "the best sizes, worn by wire length"}
+HEADINGS = {
+    "scan": "whose cup",
+    "members": "wearers",
+    "mean_mm": "error, mean, mm",
+    "p95_mm": "95 % are below, mm",
+    "within_3mm_percent": f"within {NEAR:g} mm, %",
+    "gap_mm": "gap, mm",
+    "surface_within_3mm_percent": f"of the surface within {NEAR:g} mm, %",
+    "wire_mm": "wire line, mm",
+    "span_mm": "span, mm",
+    "depth_mm": "depth, mm",
+    "members_wire_mm": "wearers' wire lines, mm",
+}
+"""Columns of the tables, in words; others are their names."""
+
+
+def heading(key: str) -> str:
+    """A column's name in words."""
+    for name, words in _SETS.items():
+        if key.startswith(f"{name}_"):
+            return f"{words}: {heading(key.removeprefix(f'{name}_'))}"
+    return HEADINGS.get(key, key.replace("_", " "))
 
 
 def write_tables(out: Path, sizes: Sequence[Row], members: Sequence[Row], graded: Sequence[Row], found: Sizes) -> None:
@@ -111,7 +134,7 @@ def _picture(file: str, words: str) -> str:
 def _table(rows: Sequence[Row], places: int = 2) -> str:
     keys = list(rows[0])
     classes = [' class="number"' * isinstance(rows[0].get(key), float | int) for key in keys]
-    head = "".join(f"<th{own}>{text(key.replace('_', ' '))}</th>" for key, own in zip(keys, classes, strict=True))
+    head = "".join(f"<th{own}>{text(heading(key))}</th>" for key, own in zip(keys, classes, strict=True))
     body = "".join(f"<tr>{''.join(_cell(row.get(key), places) for key in keys)}</tr>" for row in rows)
     return (
         f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
