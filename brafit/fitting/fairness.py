@@ -20,7 +20,7 @@ WAVES = 4.0
 """How much the size of every change of curvature counts beside its square, see `wavy`."""
 WAVE_SLOPE = 0.5
 """Changes of curvature per s that are smaller than this count by their square alone."""
-PLAINNESS = 3.5e-3
+PLAINNESS = 3e-3
 """Weight of what sets a cup apart from the plain one (`Cup.plain`) at `Conditions.fairness` 1, see `plainness`."""
 FEW = 3
 """Panels up to which plainness falls with their number alone."""

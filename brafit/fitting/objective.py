@@ -77,10 +77,10 @@ class Conditions:
     points: str | Loss = "l2"
     points_width: float = 0.5
     neckline: float = 0.25
-    neckline_limit: float | None = 0.8
+    neckline_limit: float | None = 0.77
     neckline_wave: float = 45.0
     rim: float = 0.1
-    connection: float = 0.002
+    connection: float = 0.01
     connection_width: float = 20.0
     seam: str = CLOSEST
     ridge_apex: float = 0.0

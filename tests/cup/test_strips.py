@@ -169,3 +169,16 @@ def test_cups_start_plain_but_for_their_places(panels, terms):
     count = cup.split(counts[None])["length"]
     assert (count.diff(dim=-1) >= 0).all()
     assert torch.allclose(count[..., :2], torch.ones(()).double(), rtol=0, atol=1e-3)
+
+
+def test_how_fair_an_edge_is_does_not_depend_on_where_its_corner_lies_between_nodes():
+    """Else the corner sticks to nodes. On few nodes as on many, with the corner on a node and between two."""
+    coarse, flat = wavy(half_circle(), 2, nodes=48)
+    fine, _ = wavy(half_circle(), 2, nodes=480)
+    nodes, ratios = coarse.grid.x[22:26], []
+    for place in torch.cat((nodes, 0.5 * (nodes[1:] + nodes[:-1]))).tolist():
+        flat[:, -3:] = torch.tensor([-1.2, 0.05, place], dtype=torch.float64)
+        few, many = (cup.unfairness(flat).square().sum().item() for cup in (coarse, fine))
+        ratios.append(few / many)
+    assert max(ratios) / min(ratios) < 1.02
+    assert ratios == pytest.approx([1.0] * len(ratios), abs=0.03)
