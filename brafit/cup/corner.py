@@ -20,7 +20,7 @@ from torch import Tensor
 from brafit.cup.edge_gaps import Gaps
 from brafit.cup.shape import CupShape
 from brafit.cup.wire import LENGTH
-from brafit.geometry.products import weighted_rows
+from brafit.geometry.products import evenly, weighted_rows
 
 CORNER_SIZE = 3
 """Parameters of a corner: height, jump, place. They come last."""
@@ -101,11 +101,11 @@ def corner_gap(
     n, last = len(x), shape.panels
     height, jump, place = corner.split(1, dim=-1)
     place = place.clamp(-CORNER_REACH, CORNER_REACH)
-    turn = torch.arccos(place)
+    turn = evenly(torch.arccos, place)
     order = torch.arange(n, dtype=place.dtype, device=place.device)
     series = analysis.expand(len(place), -1, -1)
     cardinal = weighted_rows(torch.cos(order * turn), series)
-    slope = weighted_rows(order * torch.sin(order * turn) / torch.sin(turn), series)
+    slope = weighted_rows(order * torch.sin(order * turn) / evenly(torch.sin, turn), series)
     away = x - place
     r = (away * away + CORNER_WIDTH**2).sqrt()
     half = 0.5 * away * r

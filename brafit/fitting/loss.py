@@ -12,6 +12,8 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
+from brafit.geometry.products import evenly
+
 Loss = Callable[[Tensor], tuple[Tensor, Tensor]]
 """squared residual -> (rho, d rho / d squared)"""
 
@@ -46,7 +48,7 @@ def fuzzy(squared: Tensor, strength: float, sharpness: Tensor | float, widths: f
     sharpness = torch.as_tensor(sharpness, dtype=squared.dtype, device=squared.device)
     edge = widths / sharpness.sqrt()
     inside = squared < edge**2
-    near = strength * torch.exp(sharpness * torch.where(inside, squared, 0.0))
+    near = strength * evenly(torch.exp, sharpness * torch.where(inside, squared, 0.0))
     top = strength * torch.exp(torch.as_tensor(widths**2, dtype=squared.dtype))
     rise = 2 * sharpness * edge * top
     radius = torch.where(inside, edge**2, squared).sqrt()

@@ -58,7 +58,7 @@ class Conditions:
         neckline_wave: length of the waves (mm) of the neckline that are smoothed away, see `smooth_neckline`; 0: none.
         rim: weight of the mean squared distance by which the upper edge leaves the cloud, where no neckline is given.
         connection: k1 of the fuzzy condition (42) that draws the upper edge to the strap point.
-        connection_width: 1 / sqrt(k2), mm: within it the condition is nearly free, beyond it steep.
+        connection_width: 1 / sqrt(k2), mm: within it the condition grows as the square of the distance, beyond it steeper.
         seam: where the ridge nearest to the apex runs: where the cup is closest to the points (`closest`), or through
             the apex (`apex`).
         ridge_apex: weight of the squared distance of the apex from the nearest ridge; 0 leaves the ridges free. With
@@ -80,8 +80,8 @@ class Conditions:
     neckline_limit: float | None = 0.77
     neckline_wave: float = 45.0
     rim: float = 0.1
-    connection: float = 0.01
-    connection_width: float = 20.0
+    connection: float = 0.04
+    connection_width: float = 40.0
     seam: str = CLOSEST
     ridge_apex: float = 0.0
     margin: float = 0.3
