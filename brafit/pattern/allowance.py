@@ -19,7 +19,18 @@ from shapely import LineString, Polygon, make_valid
 from shapely.geometry.base import BaseGeometry
 
 from brafit.geometry.polyline import polyline_length, running_length
-from brafit.pattern.curve import TOLERANCE, Curve, Stretch, closed, cross, curves_through, fit_curves, offsets, right_of
+from brafit.pattern.curve import (
+    TOLERANCE,
+    Curve,
+    Stretch,
+    Trace,
+    closed,
+    cross,
+    curves_through,
+    fit_curves,
+    offsets,
+    right_of,
+)
 from brafit.remarks import Remark
 
 _FINE = 0.005
@@ -305,8 +316,7 @@ def _traced(
     outline = LineString(around)
     shapely.prepare(outline)
     total = outline.length
-    ends: list[tuple[float, float]] = []  # places on the ring of start and end of what is drawn as one curve
-    stretches: list[Stretch] = []
+    drawn: list[tuple[Trace, ndarray, ndarray]] = []  # of what is one curve: trace, parameters, and places on the ring
     for curve, width in zip(curves, widths, strict=True):
         trace = curve.parallel(outward * width)
         u = np.linspace(0, len(curve.controls), 80 * len(curve.controls) + 1)
@@ -316,10 +326,11 @@ def _traced(
         for a, b in _runs(on):
             part = points[a:b]
             if b - a > 3 and polyline_length(part) > 0.5:
-                first, last = np.asarray(shapely.line_locate_point(outline, shapely.points(part[[0, -1]])))
-                ends.append((float(first), float(last)))
-                stretches.append(Stretch(trace, float(u[a]), float(u[b - 1])))
-    runs = [(*places, curve) for places, curve in zip(ends, fit_curves(stretches, TOLERANCE), strict=True)]
+                drawn.append((trace, u[a:b], np.asarray(shapely.line_locate_point(outline, shapely.points(part)))))
+    drawn = [_from(before[2][-1], after, total) for before, after in pairwise([*drawn[-1:], *drawn])]
+    stretches = [Stretch(trace, float(own[0]), float(own[-1])) for trace, own, _ in drawn]
+    fitted = fit_curves(stretches, TOLERANCE)
+    runs = [(float(places[0]), float(places[-1]), curve) for (*_, places), curve in zip(drawn, fitted, strict=True)]
     if not runs:
         return _portions(around)
     along = running_length(around)[:-1]
@@ -336,6 +347,14 @@ def _traced(
         if len(points) > 1:
             joined += _portions(points)
     return joined
+
+
+def _from(end: float, run: tuple[Trace, ndarray, ndarray], total: float) -> tuple[Trace, ndarray, ndarray]:
+    """A run without what lies before the end of the one before it: where a parallel folds, both draw the same bit."""
+    trace, own, places = run
+    behind = (places[:-2] - end) % total > total / 2
+    first = int(np.argmin(np.append(behind, False)))
+    return trace, own[first:], places[first:]
 
 
 def _portions(points: Float[ndarray, "n 2"]) -> list[Curve]:
