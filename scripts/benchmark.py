@@ -32,6 +32,7 @@ from torch import Tensor
 
 from brafit.cli.fit import cores
 from brafit.cup import CupShape, FramesCup, StripsCup, Wire
+from brafit.cup.corner import CORNER_SIZE
 from brafit.fitting import LM, Conditions, LMStage, NelderMead, Target, fit_targets
 from brafit.fitting.lm import minimise, staged
 from brafit.fitting.loop import finished, starting_problems, winners
@@ -313,9 +314,9 @@ def known_cup(panels: int) -> tuple[StripsCup, Tensor]:
     cup.start(1.5 * share[None], torch.ones(1, panels, dtype=torch.float64))
     noise = torch.randn(1, cup.size, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
     order = torch.arange(6, dtype=torch.float64)
-    order = torch.cat((torch.zeros(panels), order.repeat(2 * panels), torch.zeros(2)))
+    order = torch.cat((torch.zeros(panels), order.repeat(2 * panels), torch.zeros(CORNER_SIZE)))
     flat = cup.flatten().detach() + 0.08 * noise / (1 + order**2).sqrt()
-    flat[:, -2:] = 0
+    flat[:, -CORNER_SIZE:] = 0
     return cup, flat
 
 
