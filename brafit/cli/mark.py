@@ -58,8 +58,8 @@ def _run(options: argparse.Namespace) -> int:
     write_index(options.out / INDEX, entries)
     done = sum(entry.file is not None for entry in entries)
     index = shown(str(options.out / INDEX))
-    todo = f"open {index} in a browser" if done else f"for the reasons above, which {index} tells as well"
-    print(f"{done} of {len(entries)} scans can be marked: {todo}")
+    todo = f": open {index} in a browser" if done else f"; the reasons are above, and in {index}"
+    print(f"{done} of {len(entries)} scans can be marked{todo}")
     return ALL_OK if done == len(entries) else SOME_FAILED if done else NOTHING_RAN
 
 

@@ -58,7 +58,8 @@ class Conditions:
         neckline_wave: length of the waves (mm) of the neckline that are smoothed away, see `smooth_neckline`; 0: none.
         rim: weight of the mean squared distance by which the upper edge leaves the cloud, where no neckline is given.
         connection: k1 of the fuzzy condition (42) that draws the upper edge to the strap point.
-        connection_width: 1 / sqrt(k2), mm: within it the condition grows as the distance squared, beyond it faster.
+        connection_width: 1 / sqrt(k2), mm: within it the condition grows as the distance squared, up to twice that
+            faster, farther out in proportion to the distance.
         seam: where the ridge nearest to the apex runs: where the cup is closest to the points (`closest`), or through
             the apex (`apex`).
         ridge_apex: weight of the squared distance of the apex from the nearest ridge; 0 leaves the ridges free. With

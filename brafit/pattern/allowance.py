@@ -42,6 +42,10 @@ _BRIDGE = 1.35
 the allowance is turned in. A square inner corner has 1.41."""
 _ROUND = 0.5
 """Radius of the disc that rounds hollows of the cut line, in the narrowest allowance."""
+_SWING = 1.01
+"""A curve that is longer than the polyline that it is drawn through by this factor swings."""
+_OVERLAP = 5.0
+"""Two parts of a parallel that both draw a bit of the outline where it folds overlap by less than this, mm."""
 _CORNER = np.radians(12)
 
 
@@ -327,7 +331,9 @@ def _traced(
             part = points[a:b]
             if b - a > 3 and polyline_length(part) > 0.5:
                 drawn.append((trace, u[a:b], np.asarray(shapely.line_locate_point(outline, shapely.points(part)))))
-    drawn = [_from(before[2][-1], after, total) for before, after in pairwise([*drawn[-1:], *drawn])]
+    if len(drawn) > 1:
+        begun = [_from(before[2][-1], after, total) for before, after in pairwise([*drawn[-1:], *drawn])]
+        drawn = [run for run in begun if len(run[1]) > 3]
     stretches = [Stretch(trace, float(own[0]), float(own[-1])) for trace, own, _ in drawn]
     fitted = fit_curves(stretches, TOLERANCE)
     runs = [(float(places[0]), float(places[-1]), curve) for (*_, places), curve in zip(drawn, fitted, strict=True)]
@@ -338,7 +344,7 @@ def _traced(
     for (_, left, run), (reached, _, after) in pairwise([*runs, runs[0]]):
         joined.append(run)
         gap = (reached - left) % total
-        if gap > total / 2:  # they overlap by a hair
+        if gap > total - _OVERLAP:  # they overlap by a hair
             gap = 0.0
         beyond = (along - left) % total
         between = (beyond > 1e-3) & (beyond < gap - 1e-3)
@@ -352,8 +358,8 @@ def _traced(
 def _from(end: float, run: tuple[Trace, ndarray, ndarray], total: float) -> tuple[Trace, ndarray, ndarray]:
     """A run without what lies before the end of the one before it: where a parallel folds, both draw the same bit."""
     trace, own, places = run
-    behind = (places[:-2] - end) % total > total / 2
-    first = int(np.argmin(np.append(behind, False)))
+    behind = (end - places[0]) % total
+    first = int(np.searchsorted((places - places[0]) % total, behind)) if behind < _OVERLAP else 0
     return trace, own[first:], places[first:]
 
 
@@ -362,7 +368,13 @@ def _portions(points: Float[ndarray, "n 2"]) -> list[Curve]:
     step = np.diff(points, axis=0)
     turn = np.abs(np.arctan2(cross(step[:-1], step[1:]), (step[:-1] * step[1:]).sum(1)))
     corners = [0, *(np.flatnonzero(turn > _CORNER) + 1), len(points) - 1]
-    return curves_through([points[a : b + 1] for a, b in pairwise(corners)])
+    parts = [points[a : b + 1] for a, b in pairwise(corners)]
+    curves = curves_through(parts)
+    # between long steps and short ones a spline may swing far out
+    return [
+        curve if curve.length <= _SWING * polyline_length(part) else Curve.line(*part)
+        for curve, part in zip(curves, parts, strict=True)
+    ]
 
 
 def _distinct(points: Float[ndarray, "n 2"]) -> Float[ndarray, "m 2"]:

@@ -248,11 +248,9 @@ def _wanted(pattern: Pattern) -> str:
 
 
 def _doubt(d: Dimension, pattern: Pattern) -> str:
-    """Standard deviation of a dimension, with a digit more than its value."""
-    sd = d.sd or 0.0
-    if d.unit != "mm":
-        return f"± {pattern.options.area(sd, 2)}"
-    return f"± {sd / 25.4:.3f}" if pattern.options.units == "inch" else f"± {sd:.2f}"
+    """Standard deviation of a dimension, with a digit more than its value, whose unit it has."""
+    told = pattern.options.length if d.unit == "mm" else pattern.options.area
+    return f"± {told(d.sd or 0.0, 2).split()[0]}"
 
 
 def _pairs_table(pairs: Mapping[str, str]) -> str:

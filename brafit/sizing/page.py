@@ -18,7 +18,8 @@ METHOD = (
     "Cups are compared at the same shares of the wire's length and of the way to the upper edge, after the rigid "
     "motion (any turn and shift, no mirroring; right cups as their mirror images) that brings them together best. "
     "error: root mean square distance of these points, mm; how far they are apart along the surface counts as well. "
-    "gap: how far the wearer's own cup is from the nearest points of her size."
+    "gap: how far the wearer's own cup is from the nearest points of her size. The wearers whose cups the sizes are "
+    "count too, with an error of 0: among few cups they are most of those that are close."
 )
 _SETS = {"best": "best sizes", "wire_groups": "groups by wire length", "by_wire": "the best sizes, worn by wire length"}
 HEADINGS = {

@@ -20,7 +20,7 @@ from brafit.fitting import CupFit, ResultCode, Target
 from brafit.landmarks import CupFrame
 from brafit.pattern import PatternOptions, Side
 from brafit.remarks import Remark
-from brafit.report.dimensions import MARKS
+from brafit.report.dimensions import DEPTH, MARKS
 from brafit.report.html import MEANINGS
 from brafit.report.index import MAIN, write_index
 from brafit.result import Result
@@ -85,9 +85,24 @@ def test_report_says_what_was_measured_given_and_guessed(tmp_path):
     ):
         assert words in text
     for dimension in made.dimensions():
-        shown = f"{dimension.value:.1f} mm" if dimension.unit == "mm" else f"{dimension.value:.1f} cm²"
-        assert shown in text
+        assert (f"{dimension.value:.1f} mm" if dimension.unit == "mm" else f"{dimension.value:.1f} cm²") in text
+    assert "inches" not in text
     assert "nan" not in re.sub(r'<script.*?</script>|src="data:[^"]*"', "", text, flags=re.DOTALL)
+
+
+def test_in_inches_all_that_is_cut_or_bought_is(tmp_path):
+    """And what is said of the fit stays in mm, which the page tells."""
+    made = result(units="inch")
+    made.save(tmp_path)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    for dimension in made.dimensions():
+        length, area = f"{dimension.value / 25.4:.2f} in<", f"{dimension.value / 6.4516:.1f} in²<"
+        assert (length if dimension.unit == "mm" else area) in text
+    (depth,) = (d.value for d in made.dimensions() if d.name == DEPTH)
+    assert f"<b>{depth / 25.4:.2f} in</b><span>depth</span>" in text
+    assert f"<b>{made.row()['rms_mm']:.2f} mm</b>" in text
+    assert "cm²" not in text
+    assert "pieces and dimensions in inches" in text
 
 
 def test_report_tells_sizes_as_cut_from_sizes_as_worn(tmp_path):
