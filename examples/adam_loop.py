@@ -14,7 +14,7 @@ start_cups(cup, [target])
 conditions = ConditionLoss(cup, [target])  # neckline, strap point, margin, fairness
 points = torch.as_tensor(target.points)[None]  # (batch, n, 3)
 adam = torch.optim.Adam(cup.parameters(), betas=(0.9, 0.95))
-schedule = torch.optim.lr_scheduler.OneCycleLR(adam, max_lr=0.15, total_steps=300)
+schedule = torch.optim.lr_scheduler.OneCycleLR(adam, max_lr=0.1, total_steps=300)
 for step in range(300):
     adam.zero_grad()
     penalty = 0.1 * 1000 ** (step / 300)  # on what FramesCup leaves to the fit: ends, developability

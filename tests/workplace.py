@@ -20,7 +20,8 @@ SHARDS = 16
 QUICK = {
     "scan.points": "100",
     "cup.terms": "6",
-    "solver.stages": "[{terms: 4, steps: 20, tolerance: 1.0e-3}, {steps: 15, tolerance: 1.0e-3}]",
+    "solver.stages": "[{terms: 4, points: 0, steps: 8, tolerance: 1.0e-2, fairness: 0, plainness: 10},"
+    " {terms: 6, steps: 12, tolerance: 1.0e-3, fairness: 0, plainness: 10}, {steps: 15, tolerance: 1.0e-3}]",
     "pattern.formats": "[]",
     "pattern.meshes": "[]",
     "pattern.report": "false",

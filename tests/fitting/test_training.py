@@ -30,7 +30,7 @@ def lines(*targets: Target) -> np.ndarray:
 
 
 def trained(cup: Cup, target: Target, steps: int, asked: Conditions | None = None) -> Tensor:
-    """The README's loop; the RMS (mm) before every step, and in the end."""
+    """The README's loop in fewer, larger steps; the RMS (mm) before every step, and in the end."""
     start_cups(cup, [target])
     points = torch.as_tensor(target.points)[None]
     conditions = ConditionLoss(cup, [target], asked)
