@@ -15,7 +15,7 @@ from brafit.cli.ending import end_with
 from brafit.cli.nesting import nesting_arguments
 from brafit.cli.status import ALL_OK, SOME_FAILED
 from brafit.errors import BrafitError, ConfigError
-from brafit.naming import shown
+from brafit.naming import shown, told_apart
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -38,7 +38,7 @@ def _run(options: argparse.Namespace) -> int:
     from brafit.sizing.cloth import check_thickness, cloth_notes
     from brafit.sizing.drawing import write_nest
     from brafit.sizing.nest import nested
-    from brafit.sizing.stored import fit_folders, fit_names, pattern_of, read_fits
+    from brafit.sizing.stored import fit_folders, pattern_of, read_fits
 
     folders = fit_folders(options.results)
     make_writable(options.out)
@@ -51,7 +51,7 @@ def _run(options: argparse.Namespace) -> int:
     fits, failed = read_fits(folders, refuse)
     if options.align != "none":
         check_thickness(fits)
-    names = dict(zip(folders, fit_names(folders), strict=True))
+    names = dict(zip(folders, told_apart(folders), strict=True))
     patterns = []
     for fit in tqdm(sorted(fits, key=lambda fit: fit.wire_length), "patterns", unit="scan", disable=None, leave=False):
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -24,7 +23,7 @@ from brafit.naming import on_disk
 from brafit.pattern import Pattern, PatternOptions, finish, marks_on, pieces_from_panels
 from brafit.remarks import Remark
 from brafit.run.recipe import AUTO, maker_of
-from brafit.run.store import read_fit
+from brafit.run.store import read_fit, without_scans
 from brafit.settings.entries import made
 from brafit.sizing.surface import ACROSS, ALONG, corresponding
 
@@ -84,22 +83,9 @@ def fit_folders(results: Iterable[str | Path]) -> list[Path]:
             raise InputError(path, "there is no such folder", "Name the folder of a run, or of a scan in it")
         own = [path] if (path / "fit.json").exists() else sorted(file.parent for file in path.glob("*/fit.json"))
         if not own:
-            raise InputError(
-                path, "it holds no fit.json of any scan", "Name the folder of a run: the one of summary.csv"
-            )
+            raise without_scans(path)
         found |= dict.fromkeys(folder.resolve() for folder in own)
     return list(found)
-
-
-def fit_names(folders: Sequence[Path]) -> list[str]:
-    """What to call fits: by their own folders and, where several of these are called alike, by those above as well."""
-    names, depth = [folder.name for folder in folders], 1
-    while len(set(names)) < len(names) and depth < max(len(folder.parts) for folder in folders):
-        depth += 1
-        alike = {name for name, count in Counter(names).items() if count > 1}
-        longer = ("/".join(folder.parts[-depth:]) for folder in folders)
-        names = [more if name in alike else name for name, more in zip(names, longer, strict=True)]
-    return names
 
 
 def stored_fit(folder: Path) -> StoredFit | None:

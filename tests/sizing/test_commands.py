@@ -16,11 +16,12 @@ from populations import SETTINGS, made_cup, write_fit, write_population
 
 import brafit
 from brafit.cli import nest, sizes
+from brafit.naming import told_apart
 from brafit.report.dimensions import PANELS_AREA
 from brafit.samples import sample_paths
 from brafit.scan import load_scan
 from brafit.sizing.service import NEAR
-from brafit.sizing.stored import fit_names, pattern_of, shape_of, stored_fit
+from brafit.sizing.stored import pattern_of, shape_of, stored_fit
 
 KINDS = [(60.0, 0.8), (60.0, 1.2), (75.0, 1.0)]
 
@@ -183,7 +184,7 @@ def test_scans_of_one_name_are_told_apart_by_their_folders(population, tmp_path:
     assert all(f">{name}<" in told for name in ("before/anna", "after/anna", "berta"))
     layers = {layer.dxf.name for layer in readfile(tmp_path / "out" / "patterns.dxf").layers}
     assert {"S_BEFORE_ANNA", "S_AFTER_ANNA", "S_BERTA"} <= layers
-    assert fit_names([Path("/a/x/s"), Path("/b/x/s"), Path("/b/y/s")]) == ["a/x/s", "b/x/s", "y/s"]
+    assert told_apart([Path("/a/x/s"), Path("/b/x/s"), Path("/b/y/s")]) == ["a/x/s", "b/x/s", "y/s"]
 
 
 def test_pieces_for_other_stretch_are_told(population, tmp_path: Path, capsys):
