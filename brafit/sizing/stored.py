@@ -252,7 +252,7 @@ def _not_again(fit: StoredFit, cause: str) -> InputError:
     return InputError(fit.folder / "fit.json", f"its cup cannot be made again ({cause})", _AGAIN)
 
 
-def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "") -> Pattern:
+def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "", units: str | None = None) -> Pattern:
     """The finished pattern of a fit, drawn for the left breast, by the settings that it was made with.
 
     Args:
@@ -260,6 +260,7 @@ def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "") ->
         name: of the pattern, on labels and in files.
         pair: whether the mirrored pieces, for the other breast, are drawn as well.
         size: that it is called on labels, if it is one.
+        units: that it is labelled in, of `brafit.pattern.options.UNITS`; None: those of the fit's settings.
 
     Raises:
         InputError: the settings that the fit was made with do not make its cup.
@@ -269,6 +270,7 @@ def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "") ->
     panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
     marks = marks_on(shape, fit.marks.get("bust_point"), fit.marks.get("strap_point"))
     pieces = pieces_from_panels(panels, "left", marks)
-    options = replace(options_of(fit), size=size, pair=pair)
+    own = options_of(fit)
+    options = replace(own, size=size, pair=pair, units=units or own.units)
     told = fit.warnings
     return finish(pieces, options, name=name, side="left", figures=dict(fit.figures), fit_warnings=told)
