@@ -124,11 +124,16 @@ def _check_limits(node: DictConfig | ListConfig, prefix: str) -> None:
         # a class from outside may stand where bounds hold for numbers and words
         if isinstance(value, DictConfig) or (isinstance(value, ListConfig) and not bounds):
             _check_limits(value, f"{name}.")
-        elif isinstance(value, str) and (meant := value.lower()) in bounds.get("choices", ()):
+        elif isinstance(node, DictConfig) and _is_choice(value, **bounds):
             with flag_override(node, ["readonly", "struct"], False):
-                node[key] = meant
+                node[key] = value.lower()
         elif value is not None and (allowed := _refusal(value, **bounds)):
             raise ConfigError(f"{name}={_as_written(value)}: must be {allowed}")
+
+
+def _is_choice(value: Any, choices: Sequence[str] = (), **_: Any) -> bool:
+    """Whether a value is one of the words to choose from, but for capitals."""
+    return isinstance(value, str) and value.lower() in choices
 
 
 def _as_written(value: Any) -> Any:

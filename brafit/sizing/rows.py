@@ -108,7 +108,8 @@ def member_rows(found: Sizes, fits: Sequence[StoredFit], gap: Sequence[Worn]) ->
 
 def _longer(found: Sizes, fits: Sequence[StoredFit]) -> list[float]:
     """By how much (mm) the wire of each member's size is longer than her own; negative: shorter."""
-    return [fits[found.medoids[size]].wire_length - fit.wire_length for size, fit in zip(found.size, fits, strict=True)]
+    lengths = np.array([fit.wire_length for fit in fits])
+    return (lengths[found.medoids[found.size]] - lengths).tolist()
 
 
 def _differs(longer: float) -> str:
