@@ -7,7 +7,8 @@ import re
 import sys
 import tempfile
 import unicodedata
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -74,3 +75,14 @@ def safe_name(name: str) -> str:
     if not name:
         return "scan"
     return f"scan_{name}" if name.startswith(".") or OWN.fullmatch(folded(name)) else name
+
+
+def told_apart(folders: Sequence[Path]) -> list[str]:
+    """What to call folders: by their own names and, where several of these are alike, by those above as well."""
+    names, depth = [folder.name for folder in folders], 1
+    while len(set(names)) < len(names) and depth < max(len(folder.parts) for folder in folders):
+        depth += 1
+        alike = {name for name, count in Counter(names).items() if count > 1}
+        longer = ("/".join(folder.parts[-depth:]) for folder in folders)
+        names = [more if name in alike else name for name, more in zip(names, longer, strict=True)]
+    return names

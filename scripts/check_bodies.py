@@ -228,7 +228,7 @@ def _outcome(name: str, kind: str, side: str, scan: Scan | InputError, truth: Ma
 
 
 def _line(one: Outcome) -> str:
-    off = "" if one.apex is None else f"apex {one.apex:.0f}, ends {one.inner:.0f} and {one.outer:.0f} mm off"
+    off = "" if one.apex is None else f"bust point {one.apex:.0f}, ends {one.inner:.0f} and {one.outer:.0f} mm off"
     off += "" if one.largest is None else f", RMS {one.rms:.2f} mm"
     fault = "WRONG" * (one.wrong and not one.warning)
     told = f"refused: {one.reason}" if one.reason else "; ".join(words for words in (one.warning, *one.said) if words)
@@ -244,7 +244,7 @@ def report(found: Sequence[Outcome], command: str) -> str:
         "Of proposed landmarks `brafit` always warns: of doubtful ones with what is unusual, of the others in general",
         f"words, with how far such landmarks lay off here, but for prone bodies: {_off(found)}.",
         "",
-        "| kind | breasts | nothing unusual | doubtful | refused | apex off: median, 95 %, largest "
+        "| kind | breasts | nothing unusual | doubtful | refused | bust point off: median, 95 %, largest "
         "| ends off: median, largest "
         "| no breast: refused, doubtful, not | wrong, though nothing is unusual |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
@@ -262,8 +262,8 @@ def report(found: Sequence[Outcome], command: str) -> str:
         f"{NOISE} mm and {100 * STRAYS:.0f} % strays. Millimetres. `brafit/simulation/bodies.py` says how the truth is "
         "known, and how well: its outer ends are uncertain by 10 mm themselves.",
         "",
-        f"Wrong is an apex off by more than {APEX_LIMIT:g}, an end of the wire off by more than {ENDS_LIMIT:g}, or "
-        "landmarks where there is no breast.",
+        f"Wrong is a bust point off by more than {APEX_LIMIT:g}, an end of the wire off by more than {ENDS_LIMIT:g}, "
+        "or landmarks where there is no breast.",
         "",
         *["Refused includes fits that failed, which the second table parts.", ""] * fits,
         *rows,
@@ -289,7 +289,7 @@ def _off(found: Sequence[Outcome]) -> str:
     told = [one for one in found if one.apex is not None and not one.warning and one.kind != PRONE]
     ends = [max(one.inner or 0.0, one.outer or 0.0) for one in told]
     apexes = [one.apex for one in told if one.apex is not None]
-    return f"apexes {_quantiles(apexes, (0.5, 1.0))}, ends {_quantiles(ends, (0.5, 1.0))} (median, largest)"
+    return f"bust points {_quantiles(apexes, (0.5, 1.0))}, ends {_quantiles(ends, (0.5, 1.0))} (median, largest)"
 
 
 def _fits(kinds: Sequence[str], found: Sequence[Outcome]) -> list[str]:

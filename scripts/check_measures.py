@@ -48,13 +48,13 @@ def taped(
     foot = module("igl", "libigl").point_mesh_squared_distance(np.array([apex], float), vertices, triangles)[2][0]
     down, up = section(mesh, foot, 1)
     found = {
-        "apex straight down to the wire": down,
-        "upper cup depth (apex straight up)": up,
-        "vertical over the apex": down + up,
-        "horizontal over the apex": sum(section(mesh, foot, 0)),
+        "bust point down to the wire (bottom cup depth)": down,
+        "bust point up to the upper edge (upper cup depth)": up,
+        "vertical over the bust point": down + up,
+        "horizontal over the bust point": sum(section(mesh, foot, 0)),
     }
     if strap_point is not None:
-        found["strap point to apex"] = shortest(mesh, foot, on_rim(mesh, np.asarray(strap_point, float)))
+        found["strap point to bust point"] = shortest(mesh, foot, on_rim(mesh, np.asarray(strap_point, float)))
     return found
 
 

@@ -97,11 +97,13 @@ A_SIZE = 15.0
 """By how much (mm) wires that are sold grow from size to size."""
 BOUNDS: Mapping[str, Bound] = {
     "rise": Bound(
-        "the body rises by {value} at the apex over what is about it, where a breast does by 13 and more",
+        "the body rises by {value} at the bust point over what is about it, where a breast does by 13 and more",
         (13.0, 40.0),
         (11.0, 70.0),
     ),
-    "apex_out": Bound("the apex is {value} from the body's middle, 60 to 145 are usual", (60.0, 145.0), (25.0, 170.0)),
+    "apex_out": Bound(
+        "the bust point is {value} from the body's middle, 60 to 145 are usual", (60.0, 145.0), (25.0, 170.0)
+    ),
     "inner_out": Bound(
         "the wire's inner end is {value} outwards of the body's middle, 0 to 45 are usual", (0.0, 45.0), (-25.0, 80.0)
     ),
@@ -109,7 +111,7 @@ BOUNDS: Mapping[str, Bound] = {
     "inner_usual": Bound("the wire's inner end is {value} from where such a breast's wire usually begins", (0.0, 25.0)),
     "outer_usual": Bound("the wire's outer end is {value} from where such a breast's wire usually ends", (0.0, 31.0)),
     "guessed": Bound("no crease shows along {value} of the wire", (0.0, 0.4), (0.0, 0.93), shown=_share),
-    "apex_off": Bound("the apex is {value} off the surface", (0.0, 7.0), (0.0, 25.0)),
+    "apex_off": Bound("the bust point is {value} off the surface", (0.0, 7.0), (0.0, 25.0)),
     "wire_off": Bound("a fifth of the wire is {value} and more off the surface", (0.0, 9.0), (0.0, 40.0)),
     "end_off": Bound("an end of the wire is {value} off the surface", (0.0, 12.0), (0.0, 60.0)),
     "crease": Bound(
@@ -118,8 +120,8 @@ BOUNDS: Mapping[str, Bound] = {
         (0.2, 2.0),
         shown=_share,
     ),
-    "level": Bound("the two sides disagree: one apex is {value} higher than the other", (0.0, 20.0), (0.0, 60.0)),
-    "mirrored": Bound("the two sides disagree: the apexes are {value} from being mirror images", (0.0, 35.0)),
+    "level": Bound("the two sides disagree: one bust point is {value} higher than the other", (0.0, 20.0), (0.0, 60.0)),
+    "mirrored": Bound("the two sides disagree: the bust points are {value} from being mirror images", (0.0, 35.0)),
     "wires": Bound("the two sides disagree: the wires are up to {value} from being mirror images", (0.0, 16.0)),
     "longer": Bound(
         "the wires of the two sides differ by more than a size: {value}",
@@ -262,7 +264,7 @@ def refusal(path: Path, found: Sequence[Confidence], how: str = "proposed") -> I
     return InputError(path, cause, "Mark them by hand, on a page of brafit-mark")
 
 
-OFF = "give or take 3 mm at the apex and 15 mm at the wire's ends, on some bodies 12 and 28 mm"
+OFF = "give or take 3 mm at the bust point and 15 mm at the wire's ends, on some bodies 12 and 28 mm"
 """How far proposed landmarks that nothing unusual was told of lay off the truth on 220 made bodies, median and largest
 (docs/proposals.md)."""
 

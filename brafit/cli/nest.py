@@ -15,7 +15,7 @@ from brafit.cli.ending import end_with
 from brafit.cli.nesting import nesting_arguments
 from brafit.cli.status import ALL_OK, SOME_FAILED
 from brafit.errors import BrafitError, ConfigError
-from brafit.naming import shown
+from brafit.naming import shown, told_apart
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -38,7 +38,8 @@ def _run(options: argparse.Namespace) -> int:
     from brafit.sizing.cloth import check_thickness, cloth_notes
     from brafit.sizing.drawing import write_nest
     from brafit.sizing.nest import nested
-    from brafit.sizing.stored import fit_folders, fit_names, pattern_of, read_fits
+    from brafit.sizing.stored import fit_folders, pattern_of, read_fits, shape_of
+    from brafit.sizing.units import cup_words, unit_of
 
     folders = fit_folders(options.results)
     make_writable(options.out)
@@ -51,17 +52,19 @@ def _run(options: argparse.Namespace) -> int:
     fits, failed = read_fits(folders, refuse)
     if options.align != "none":
         check_thickness(fits)
-    names = dict(zip(folders, fit_names(folders), strict=True))
-    patterns = []
+    names = dict(zip(folders, told_apart(folders), strict=True))
+    unit, notes = unit_of(fits, options.units) if fits else ("mm", [])
+    patterns, about = [], []
     for fit in tqdm(sorted(fits, key=lambda fit: fit.wire_length), "patterns", unit="scan", disable=None, leave=False):
         try:
-            patterns.append(pattern_of(fit, names[fit.folder], options.pair))
+            patterns.append(pattern_of(fit, names[fit.folder], options.pair, units=unit))
+            about.append(cup_words(shape_of(fit), patterns[-1].options))
         except BrafitError as error:
             refuse(error)
     if not patterns:
         raise ConfigError("there is no good fit in these folders: fit the scans first")
-    notes = [f"{failed} scan{'s' * (failed > 1)} whose fit failed left out"] * bool(failed)
-    nest = nested(patterns, options.align)
+    notes += [f"{failed} scan{'s' * (failed > 1)} whose fit failed left out"] * bool(failed)
+    nest = nested(patterns, options.align, about)
     for words in [*notes, *cloth_notes(fits), *(f"warning: {words}" for words in nest.warnings)]:
         print(words, file=sys.stderr)
     sides = f"drawn for the left breast{' and the right one' * options.pair}"

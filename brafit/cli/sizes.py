@@ -53,6 +53,7 @@ def _run(options: argparse.Namespace) -> int:
     from brafit.run.folder import make_writable
     from brafit.sizing.cloth import check_thickness, cloth_notes
     from brafit.sizing.stored import fit_folders, read_fits, surfaces_of
+    from brafit.sizing.units import unit_of
 
     if options.sizes < 1:
         raise ConfigError(f"--sizes {options.sizes}: must be 1 or more")
@@ -75,8 +76,9 @@ def _run(options: argparse.Namespace) -> int:
     check_thickness(fits)
     notes = [f"{failed} scan{'s' * (failed > 1)} whose fit failed left out"] * bool(failed)
     notes += [f"{len(refused)} folder{'s' * (len(refused) > 1)} that cannot be used left out"] * bool(refused)
-    notes += cloth_notes(fits)
-    print("\n".join([*notes, *_written(options, fits, surfaces, notes)]))
+    unit, told = unit_of(fits, options.units)
+    notes += [*told, *cloth_notes(fits)]
+    print("\n".join([*notes, *_written(options, fits, surfaces, unit, notes)]))
     return SOME_FAILED if refused else ALL_OK
 
 
@@ -84,32 +86,36 @@ def _written(
     options: argparse.Namespace,
     fits: Sequence[StoredFit],
     surfaces: Float[ndarray, "fits along across 3"],
+    unit: str,
     notes: Sequence[str],
 ) -> list[str]:
     """Find the sizes and write all of it; gives the lines for the terminal."""
     from brafit.pattern.finish import warnings_of
     from brafit.sizing.nest import nested
     from brafit.sizing.page import write_page, write_tables
-    from brafit.sizing.rows import gaps, graded_rows, member_rows, size_names, size_rows
+    from brafit.sizing.rows import far_wires, gaps, graded_rows, member_rows, size_names, size_rows
     from brafit.sizing.stored import pattern_of, shape_of
     from brafit.sizing.surface import point_areas
+    from brafit.sizing.units import cup_words
 
     weights, points = point_areas(surfaces), surfaces.reshape(len(fits), -1, 3)
     found = _found(options.sizes, fits, points, weights)
     chosen = [fits[k] for k in found.medoids]
     shapes = [shape_of(fit) for fit in chosen]
     gap = gaps(found, shapes, points, weights)
-    sizes, graded = size_rows(found, fits, shapes, gap), graded_rows(found, fits)
     names = size_names(len(chosen))
-    patterns = [pattern_of(fit, name, options.pair, size=name) for fit, name in zip(chosen, names, strict=True)]
+    patterns = [pattern_of(fit, name, options.pair, name, unit) for fit, name in zip(chosen, names, strict=True)]
+    sizes, graded = size_rows(found, fits, shapes, gap), graded_rows(found, fits, unit)
     title = f"{len(chosen)} size{'s' * (len(chosen) > 1)} of {len(fits)} cups"
-    nest = nested(patterns, options.align)
+    about = [cup_words(shape, pattern.options) for shape, pattern in zip(shapes, patterns, strict=True)]
+    nest = nested(patterns, options.align, about)
     _draw(options, title, nest, shapes, sizes, found)
     write_tables(options.out, sizes, member_rows(found, fits, gap), graded, found)
     warnings = [f"warning: {words}" for words in nest.unlike]
+    warnings += [f"warning: {words}" for words in far_wires(found, fits)]
     warnings += [f"warning: size {words}" for words in warnings_of(patterns)]
     write_page(options.out, title, sizes, graded, found, [*notes, *warnings])
-    return [*warnings, *_summary(found, sizes), f"Results: {shown(str(options.out / 'index.html'))}"]
+    return [*warnings, *_summary(found, sizes, about), f"Results: {shown(str(options.out / 'index.html'))}"]
 
 
 def _found(
@@ -148,7 +154,9 @@ def _draw(
 
     sides = f"drawn for the left breast{' and the right one' * options.pair}; sizes by length of the wire"
     write_nest(options.out, nest, title, sides)
-    captions = [f"wire {row['wire_mm']:.0f} mm, {_members(row)}" for row in sizes]
+    captions = [
+        f"{layer.about}, {_members(row)}".replace(", ", "\n") for layer, row in zip(nest.layers, sizes, strict=True)
+    ]
     cups = cups_figure([shape.edges.numpy() for shape in shapes], nest.layers, captions)
     served = served_figure(found.steps, len(sizes))
     for suffix in ("svg", "png"):
@@ -160,15 +168,14 @@ def _members(row: Mapping[str, Any]) -> str:
     return f"{row['members']} member{'s' * (row['members'] != 1)}"
 
 
-def _summary(found: Sizes, sizes: Sequence[Mapping[str, Any]]) -> list[str]:
+def _summary(found: Sizes, sizes: Sequence[Mapping[str, Any]], about: Sequence[str]) -> list[str]:
     from brafit.sizing.service import NEAR
 
     step = found.steps[len(sizes) - 1]
     best, wires = step.sizes.served, step.wire_groups.served
     lines = [
-        f"size {row['size']}: {row['scan']}, {_members(row)}, mean {row['mean_mm']:.1f} mm, "
-        f"wire {row['wire_mm']:.0f} mm"
-        for row in sizes
+        f"size {row['size']}: {row['scan']}, {_members(row)}, mean {row['mean_mm']:.1f} mm, {words}"
+        for row, words in zip(sizes, about, strict=True)
     ]
 
     def told(one: Served) -> str:

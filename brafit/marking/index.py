@@ -34,18 +34,28 @@ def write_index(path: str | Path, entries: Sequence[Entry]) -> None:
     """Write the page; it asks the browser what has been saved since."""
     lines = "\n".join(_line(entry) for entry in entries)
     script = resources.files("brafit.marking").joinpath("browser", "index.js").read_text(encoding="utf-8")
-    count = sum(entry.file is not None for entry in entries)
-    done = sum(entry.done for entry in entries)
+    script = f"<script>{script}</script>" * any(entry.file is not None for entry in entries)
     body = (
         f"<style>.done {{ color: #2e6b34; }} .begun {{ color: #9a6a00; }}</style>\n<h1>Scans to mark</h1>\n"
-        f'<p><b id="done">{done}</b> of {count} done</p>\n'
+        f"<p>{_state(entries)}</p>\n"
         '<p class="soft">Saved files are downloads: put each beside its scan. What is marked and not saved stays in '
         "this browser.</p>\n"
         '<div class="scroll"><table class="sortable"><thead><tr><th>scan</th><th>state</th><th>begins with</th></tr>'
         f"</thead><tbody>\n{lines}\n</tbody></table></div>\n"
-        f"<script>{asset('table.js')}</script>\n<script>{script}</script>"
+        f"<script>{asset('table.js')}</script>\n{script}"
     )
     write_text(path, page("scans to mark", body))
+
+
+def _state(entries: Sequence[Entry]) -> str:
+    """How many of the scans that have a page are marked, and how many have none."""
+    count, done = sum(entry.file is not None for entry in entries), sum(entry.done for entry in entries)
+    failed = len(entries) - count
+    if not count:
+        which = "The scan" if failed == 1 else f"None of the {failed} scans"
+        return f"{which} can{'not' * (failed == 1)} be marked: the table says why."
+    more = f"; {failed} more cannot be marked: the table says why" * bool(failed)
+    return f'<b id="done">{done}</b> of {count} done{more}'
 
 
 def _line(entry: Entry) -> str:

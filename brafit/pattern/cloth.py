@@ -42,7 +42,7 @@ def cloth_words(options: PatternOptions) -> list[str]:
     and does not stretch."""
     words = []
     if thickness := options.cloth["thickness"]:
-        words.append(f"cloth {options.length(thickness)} thick")
+        words.append(f"cloth {options.length_set(thickness)} thick")
     stretched = (options.cloth["stretch"], options.cloth["stretch_across"])
     ways = ("at its greatest", "across that") if options.by_stretch else ("along grain", "across grain")
     for way, stretch, share in zip(ways, stretched, reductions(options), strict=True):

@@ -27,7 +27,7 @@ def label_stages(
     """
     kinds: list[Kind] = [edge.kind for edge in piece.edges]
     allowances = {options.allowance[kind] for kind in kinds}
-    own = options.length(options.allowance[kinds[0]]) if len(allowances) == 1 else _allowances(options, kinds)
+    own = options.length_set(options.allowance[kinds[0]]) if len(allowances) == 1 else _allowances(options, kinds)
     casing = options.wire["casing"] if "wire" in kinds else 0.0
     ranked = [
         (_NAME, piece.name),
@@ -37,7 +37,7 @@ def label_stages(
         (_SIZE, options.size and f"size {options.size}"),
         (_CORE, f"cut {options.quantity}"),  # of a pair both sides are drawn, and each says so for itself
         (_CORE, f"allowance {own}"),
-        (_EDGES, f"casing {options.length(casing)} more" if casing else ""),
+        (_EDGES, f"casing {options.length_set(casing)} more" if casing else ""),
         *((_CLOTH, words) for words in cloth_words(options)),
         (_FURTHER, ease_words(options)),
         (_FURTHER, date),
@@ -55,9 +55,9 @@ def allowance_words(options: PatternOptions, kinds: Collection[Kind]) -> str:
 
 
 def _allowances(options: PatternOptions, kinds: Sequence[Kind], casing: bool = False) -> str:
-    told = {kind: f"{KIND_NAMES[kind]} {options.length(options.allowance[kind])}" for kind in kinds}
+    told = {kind: f"{KIND_NAMES[kind]} {options.length_set(options.allowance[kind])}" for kind in kinds}
     if casing and "wire" in told and options.wire["casing"]:
-        told["wire"] += f", casing {options.length(options.wire['casing'])} more"
+        told["wire"] += f", casing {options.length_set(options.wire['casing'])} more"
     return ", ".join(told.values())
 
 

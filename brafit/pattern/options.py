@@ -118,6 +118,11 @@ class PatternOptions:
         value = millimetres / UNITS[self.units]
         return f"{value:.{digits}f} mm" if self.units == "mm" else f"{value:.{digits + 1}f} in"
 
+    def length_set(self, millimetres: float) -> str:
+        """A length that a setting gives: where labels are in inches, in mm too, as the setting has it."""
+        told = self.length(millimetres)
+        return told if self.units == "mm" or not millimetres else f"{told} ({millimetres:g} mm)"
+
     def area(self, square_centimetres: float, digits: int = 1) -> str:
         """An area as tables show it, with its unit."""
         if self.units == "mm":

@@ -268,7 +268,7 @@ def _cover(
     width, height = PAPERS[options.paper]
     inner = width - 2 * MARGIN
     items = heading(title, note, MARGIN, height - MARGIN, inner)
-    words = "Print at 100 % (actual size, no scaling), then measure the square."
+    words = "Print at 100 % (actual size, no scaling), then measure the control square."
     items.append(text(words, MARGIN, height - MARGIN - 17.5, 3.6, room=inner))
     top = height - MARGIN - 23
     items += control_square(MARGIN, top - CONTROL, options)

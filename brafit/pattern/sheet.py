@@ -100,13 +100,15 @@ def told_below(warnings: Sequence[str], room: float) -> tuple[list[Item], float]
 
 
 def control_square(x: float, y: float, options: PatternOptions) -> list[Item]:
-    """A square of 100 mm and, for users of inches, one of an inch in it."""
+    """A square of 100 mm and, for users of inches, in its corner one of an inch, who may have no other ruler."""
     middle = x + CONTROL / 2
     items = [_square(x, y, CONTROL)]
     items += [text("control square 100 mm x 100 mm", middle, y + CONTROL / 2 + 3, 4.0, centred=True)]
     items += [text("measure it on the print before cutting", middle, y + CONTROL / 2 - 3, 3.2, centred=True)]
     if options.units == "inch":
-        items += [_square(x + 5, y + 5, 25.4), text("1 in x 1 in", x + 5 + 12.7, y + 16.5, 3.2, centred=True)]
+        words = "or the small one, with a ruler in inches"
+        items += [text(words, middle, y + CONTROL / 2 - 8, 3.2, centred=True)]
+        items += [_square(x + 5, y + 5, 25.4), text("1 in x 1 in", x + 5 + 12.7, y + 5 + 12.7, 3.2, centred=True)]
     return [replace(item, group="control-square") for item in items]
 
 

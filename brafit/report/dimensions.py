@@ -35,12 +35,12 @@ class Dimension:
 
 
 CUP, SURFACE = "cup", "over the surface"
-"""The parts of the straight measures of the cup, and of those that a tape takes on it."""
-DEPTH = "depth (out of the wire's plane)"
+"""The parts of the measures of the cup through the air, and of those that a tape takes on it."""
+DEPTH = "depth of the cup (out of the wire's plane)"
 """Its dimension that the report has at its head."""
 PANELS_AREA = "area of all panels"
 """Its one dimension that is of the pieces."""
-MARKS = "apex mark to strap point mark (straight)"
+MARKS = "bust point mark to strap point mark, through the air"
 """Its one dimension that is of the scan's marks: the cup may pass beside them."""
 
 
@@ -61,7 +61,8 @@ def dimensions(
     strap_point: Float[ndarray, "3"] | None = None,
     survey: Survey | None = None,
 ) -> list[Dimension]:
-    """Edges, widths and areas of the pieces; depth and apex distances (straight) of the cup; measures over its surface.
+    """Edges, widths and areas of the pieces; depth of the cup and distances from the bust point through the air;
+    measures over its surface.
 
     Args:
         fit: the cup, cup frame, mm, no batch dimension, and its flat panels.
@@ -180,7 +181,7 @@ def _of_flat(edges: Float[ndarray, "cups 2 n 2"]) -> dict[str, Float[ndarray, " 
 def _of_cup(
     edges: Float[ndarray, "*cups e n 3"], apex: Float[ndarray, "*#cups 3"]
 ) -> dict[str, Float[ndarray, "*cups"]]:
-    """Span, depth, and straight distances from the apex, mm."""
+    """Span, depth, and distances from the bust point through the air, mm."""
     wire, upper = edges[..., 0, :, :], edges[..., -1, :, :]
     inner, outer = wire[..., 0, :], wire[..., -1, :]
     lowest = wire[..., 0].argmax(-1)[..., None, None]
@@ -189,9 +190,10 @@ def _of_cup(
         "outer end": outer,
         "bottom of the wire": np.take_along_axis(wire, lowest, axis=-2)[..., 0, :],
     }
+    straight = {name: np.linalg.norm(place - apex, axis=-1) for name, place in places.items()}
+    straight["nearest point of the upper edge"] = np.linalg.norm(upper - apex[..., None, :], axis=-1).min(-1)
     return {
         "wire span (end to end)": np.linalg.norm(outer - inner, axis=-1),
         DEPTH: edges[..., 2].max((-2, -1)),
-        **{f"apex to {name}": np.linalg.norm(place - apex, axis=-1) for name, place in places.items()},
-        "apex to nearest point of the upper edge": np.linalg.norm(upper - apex[..., None, :], axis=-1).min(-1),
+        **{f"bust point to {name}, through the air": length for name, length in straight.items()},
     }

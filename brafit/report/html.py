@@ -19,7 +19,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "max_mm": ("largest of these distances", "mm"),
     "upper_edge_mm": ("upper edge off the neckline as given, mean", "mm"),
     "neckline_smoothing_mm": ("given neckline off the smooth one that the cup follows, at most", "mm"),
-    "seam_to_apex_mm": ("nearest seam and bust point apart", "mm"),
+    "seam_to_apex_mm": ("seam to bust point: how far the nearest seam is from it", "mm"),
     "outline_sd_mm": ("standard deviation of the sewing lines' place if the breast were scanned again, at most", "mm"),
     "tightest_radius_mm": ("tightest bend of a flat edge (radius), the strap's corner apart", "mm"),
     "wire_length_mm": ("length of the wire line", "mm"),
@@ -33,7 +33,12 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "seconds": ("time of the fit, a scan: that of its batch by the number of its scans", "s"),
 }
 """Figures of a fit that the pages show: what they mean, and their unit."""
-HEADS = {"outline_sd_mm": "outlines ±", "twist_deg_max": "twist", "seconds": "seconds a scan"}
+HEADS = {
+    "seam_to_apex_mm": "seam to bust point",
+    "outline_sd_mm": "outlines ±",
+    "twist_deg_max": "twist",
+    "seconds": "seconds a scan",
+}
 """What columns are called, where their keys do not say it."""
 PLACES = {"points": 0, "iterations": 0, "wire_length_mm": 1, "seconds": 1}
 """Decimal places of figures that have not two: a hundredth of a millimetre is what cloth is cut to at best."""

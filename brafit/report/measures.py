@@ -25,14 +25,15 @@ from brafit.pattern.marks import nearest_on_curves
 from brafit.report.sections import sections
 from brafit.report.taut import taut_lengths
 
-WIRE, DOWN, UP = "wire line", "apex straight down to the wire", "upper cup depth (apex straight up)"
-VERTICAL, HORIZONTAL = "vertical over the apex", "horizontal over the apex"
+WIRE = "wire line"
+DOWN, UP = "bust point down to the wire (bottom cup depth)", "bust point up to the upper edge (upper cup depth)"
+VERTICAL, HORIZONTAL = "vertical over the bust point", "horizontal over the bust point"
 NECKLINE, UNDERARM, UPPER = (
     "neckline (inner end to strap point)",
     "underarm edge (strap point to outer end)",
     "neckline",
 )
-STRAP = "strap point to apex"
+STRAP = "strap point to bust point"
 _ORDER = (WIRE, UPPER, NECKLINE, UNDERARM, STRAP, DOWN, UP, VERTICAL, HORIZONTAL)
 _STRIPS = 4
 """Rows of triangles across a panel, for sections: the rulings are straight."""

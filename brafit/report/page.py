@@ -32,6 +32,8 @@ EXACT = "Wire, neckline, marks, and the surface that is assumed where the scan h
 """What the standard deviations do not know of."""
 LABELLED = "pattern.units"
 """In place of a unit: that of the pattern's labels."""
+_CALLED = {"apex": "bust point"}
+"""What inputs are called whose key says it otherwise."""
 _STRIPS, _FOLDS = 6, 9
 
 
@@ -130,7 +132,7 @@ def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension], pattern: Pat
         ("95 % of the points within", row.get("p95_mm"), "mm", 2),
         ("seam to bust point", row.get("seam_to_apex_mm"), "mm", 1),
         ("wire", row.get("wire_length_mm"), LABELLED, 1),
-        ("depth", depth, LABELLED, 1),
+        ("depth of the cup", depth, LABELLED, 1),
         ("twist at most", row.get("twist_deg_max"), "degrees", 2),
         seams,
     ]
@@ -209,7 +211,7 @@ def _dimension_table(dimensions: Sequence[Dimension], pattern: Pattern) -> str:
         own = measured_on(d.part, d.name)
         cut = f", {own}" * (pattern.reshaped and own != measured_on(d.part, ""))
         value = (pattern.options.length if d.unit == "mm" else pattern.options.area)(d.value)
-        doubt = "" if d.sd is None else _doubt(d, pattern)
+        doubt = "" if d.sd is None else text(_doubt(d, pattern))
         cells = f'<td>{text(d.name)}{cut}</td><td class="number">{value}</td><td class="number soft">{doubt}</td>'
         lines.append(f"<tr><th>{text(first)}</th>{cells}</tr>")
     known = any(d.sd is not None for d in dimensions)
@@ -242,20 +244,21 @@ def _wanted(pattern: Pattern) -> str:
     play, spring = pattern.options.wire["play"], pattern.options.wire["spring"]
     if not (play or spring):
         return "the wire line"
-    about = [f"play of {pattern.options.length(play)} at each end"] * bool(play)
-    about += [f"opened by {pattern.options.length(spring)} when worn"] * bool(spring)
+    about = [f"play of {pattern.options.length_set(play)} at each end"] * bool(play)
+    about += [f"opened by {pattern.options.length_set(spring)} when worn"] * bool(spring)
     return f"the wire wanted ({', '.join(about)})"
 
 
 def _doubt(d: Dimension, pattern: Pattern) -> str:
     """Standard deviation of a dimension, with a digit more than its value, whose unit it has."""
     told = pattern.options.length if d.unit == "mm" else pattern.options.area
-    return f"± {told(d.sd or 0.0, 2).split()[0]}"
+    shown, least = told(d.sd or 0.0, 2).split()[0], told(0.0, 2).split()[0]
+    return f"± < {least[:-1]}1" if d.sd and shown == least else f"± {shown}"
 
 
 def _pairs_table(pairs: Mapping[str, str]) -> str:
-    lines = "".join(f"<tr><th>{text(key)}</th><td>{text(value)}</td></tr>" for key, value in pairs.items())
-    return f"<table>{lines}</table>"
+    named = ((_CALLED.get(key, key), value) for key, value in pairs.items())
+    return f"<table>{''.join(f'<tr><th>{text(key)}</th><td>{text(value)}</td></tr>' for key, value in named)}</table>"
 
 
 def _figure_table(row: Mapping[str, Any], pattern: Pattern) -> str:

@@ -30,11 +30,12 @@ WORDS = ("scan", "status", "reason", "side", "cup", "solver", "nearest_wire")
 COUNTS = ("panels", "terms", "points", "iterations", "warning_count")
 """Which of them are texts, and which whole numbers."""
 
-# Column of the terminal's table: key, heading, format.
+# Column of the terminal's table: key, heading, format. How far the cup is from points, neckline and bust point (its
+# nearest seam), and the rest.
 _SHORT = (
     ("scan", "scan", "s"), ("status", "status", "s"), ("panels", "panels", "d"), ("points", "points", "d"),
     ("rms_mm", "rms", ".2f"), ("p95_mm", "p95", ".2f"), ("max_mm", "max", ".2f"),
-    ("upper_edge_mm", "upper edge", ".2f"), ("seam_to_apex_mm", "to apex", ".1f"),
+    ("upper_edge_mm", "upper edge", ".2f"), ("seam_to_apex_mm", "bust point", ".1f"),
     ("seam_mismatch_mm", "cup seam", ".3f"),
     ("nearest_wire", "nearest wire", "s"), ("warning_count", "warnings", "d"), ("seconds", "s a scan", ".1f"),
 )  # fmt: skip

@@ -152,7 +152,7 @@ def code_of(key: str) -> str:
     return f"unlike_{key}"
 
 
-_OF_DISTANCES = {code_of(key) for key in _DISTANCES}
+_OF_DISTANCES = {"far_points", *map(code_of, _DISTANCES)}
 _COSTS = (
     "the seam through the bust point costs that: take more panels (cup.panels), or leave the seam where it is closest"
     " (condition.seam=closest)"

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from brafit import __version__
+from brafit.errors import InputError
 from brafit.report.table import SUMMARY_KEYS
 from brafit.run.dataset import ScanRef
 from brafit.run.job import Done, Overview, common_cause
@@ -18,6 +19,8 @@ IRRELEVANT = frozenset(
     {"scans", "out", "threads", "batch", "device", "dataset", "sinks", "resume", "patience", "experiment"}
 )
 """Settings that say nothing about what comes out for a scan."""
+SHOWN = 3
+"""Folders that an error names."""
 
 
 def relevant(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -168,3 +171,16 @@ def scan_folders(out: Path, without: Collection[str] = ()) -> Iterator[tuple[Pat
         content = read_fit(folder)
         if content is not None:
             yield folder, content
+
+
+def without_scans(folder: Path) -> InputError:
+    """What to say of a folder that was named as that of a run, and has no scan's results in it."""
+    if read_fit(folder) is not None:
+        return InputError(folder, "it is the folder of one scan", "Name the folder of the run, in which it lies")
+    if runs := sorted({file.parent.parent for file in folder.glob("*/*/fit.json")}):
+        named = ", ".join(str(run) for run in runs[:SHOWN]) + ", ..." * (len(runs) > SHOWN)
+        return InputError(folder, "it is no run's own folder: runs lie in folders of it", f"Name those: {named}")
+    if (folder / "summary.csv").exists():
+        cause = "it has a table, but no fit.json of any scan, of which tables are made"
+        return InputError(folder, cause, "Name the folders of the runs whose scans the table is of")
+    return InputError(folder, "it holds no fit.json of any scan", "Name the folder of a run: the one of summary.csv")

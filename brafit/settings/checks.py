@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
 
-from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf, flag_override
 from omegaconf.errors import InterpolationResolutionError
 
 from brafit.errors import ConfigError
@@ -17,7 +17,8 @@ from brafit.settings.refusal import EXTRAS, missing_launcher
 
 
 def check(config: DictConfig) -> None:
-    """Check what types alone do not say.
+    """Check what types alone do not say. Words that a setting chooses from may have capitals (`Letter`), and are put as
+    the choice has them.
 
     Raises:
         ConfigError: names the key, what came and what is allowed.
@@ -123,8 +124,16 @@ def _check_limits(node: DictConfig | ListConfig, prefix: str) -> None:
         # a class from outside may stand where bounds hold for numbers and words
         if isinstance(value, DictConfig) or (isinstance(value, ListConfig) and not bounds):
             _check_limits(value, f"{name}.")
+        elif isinstance(node, DictConfig) and _is_choice(value, **bounds):
+            with flag_override(node, ["readonly", "struct"], False):
+                node[key] = value.lower()
         elif value is not None and (allowed := _refusal(value, **bounds)):
             raise ConfigError(f"{name}={_as_written(value)}: must be {allowed}")
+
+
+def _is_choice(value: Any, choices: Sequence[str] = (), **_: Any) -> bool:
+    """Whether a value is one of the words to choose from, but for capitals."""
+    return isinstance(value, str) and value.lower() in choices
 
 
 def _as_written(value: Any) -> Any:

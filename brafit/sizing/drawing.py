@@ -15,7 +15,9 @@ from numpy import ndarray
 from brafit.atomic import write_bytes
 from brafit.pattern.drawing import BLACK, INFO, Item, Page, Stroke, Words, line_of, shifted
 from brafit.pattern.dxf import block_name, plain, tags
-from brafit.pattern.lettering import one_line, text
+from brafit.pattern.label import text_width
+from brafit.pattern.lettering import LEAST, one_line, shortened, text
+from brafit.pattern.options import UNITS
 from brafit.pattern.pdf import write_pages
 from brafit.pattern.sheet import CONTROL, GAP, MARGIN, ROOM, control_square, heading, legend, told_below, warned_lines
 from brafit.pattern.svg import page_svg
@@ -72,14 +74,16 @@ def nest_page(nest: Nest, title: str, note: str = "") -> Page:
 
 
 def _sizes(layers: Sequence[Layer], x: float, top: float) -> list[Item]:
-    """The sizes' names, each after a line of its colour."""
+    """The sizes' names and what tells their cups apart, each after a line of its colour."""
     items: list[Item] = []
     for row, layer in enumerate(layers):
         y = top - 2.0 - LINE * row
         line = line_of(((x, y), (x + 18, y)))
         items.append(Stroke(INFO, "cut", "key size", (line,), colour=layer.colour, group="sizes"))
-        name = text(one_line(layer.name), x + 22, y, 3.4, room=ROOM - 22)
-        items.append(replace(name, group="sizes"))
+        room = ROOM - 22
+        about = f": {layer.about}" * bool(layer.about)
+        name = shortened(one_line(layer.name), LEAST, room - text_width(about, LEAST))
+        items.append(replace(text(f"{name}{about}", x + 22, y, 3.4, room=room), group="sizes"))
     return items
 
 
@@ -87,45 +91,64 @@ def _sizes(layers: Sequence[Layer], x: float, top: float) -> list[Item]:
 
 
 def nest_dxf(nest: Nest) -> bytes:
-    """A nest as DXF of release 12, mm: for each size the layers S_NAME (cut), S_NAME_SEW, _NOTCH, _DRILL, _GRAIN and
-    _TEXT in its colour; the control square is on the layer CONTROL, names of pieces that lie on one another on NAMES,
-    warnings on WARNINGS.
+    """A nest as DXF of release 12, in the unit of the first pattern's options (`$INSUNITS`): for each size the layers
+    S_NAME (cut), S_NAME_SEW, _NOTCH, _DRILL, _GRAIN and _TEXT in its colour; the control square is on the layer
+    CONTROL, names of pieces that lie on one another on NAMES, warnings on WARNINGS.
     """
+    unit = nest.patterns[0].options.units
+    scale, number = 1 / UNITS[unit], {"mm": 4, "inch": 1}[unit]
     taken: set[str] = set()
     names = [block_name(f"S_{layer.name}"[:25], taken) for layer in nest.layers]
+    header = tags((9, "$ACADVER"), (1, "AC1009"), (9, "$INSUNITS"), (70, number))
+    entities = "".join([*_size_entities(nest, names, scale), *_other_entities(nest, scale)])
+    sections = (("HEADER", header), ("TABLES", _layer_table(nest, names)), ("ENTITIES", entities))
+    content = "".join(tags((0, "SECTION"), (2, name)) + body + tags((0, "ENDSEC")) for name, body in sections)
+    return (content + tags((0, "EOF"))).encode("ascii")
+
+
+def _layer_table(nest: Nest, names: Sequence[str]) -> str:
     kinds = ("", "_SEW", "_NOTCH", "_DRILL", "_GRAIN", "_TEXT")
     table = [
         (f"{name}{kind}", layer.colour_index) for name, layer in zip(names, nest.layers, strict=True) for kind in kinds
     ]
     rows = "".join(tags((0, "LAYER"), (2, n), (70, 0), (62, c), (6, "CONTINUOUS")) for n, c in [*table, *_OTHERS])
-    layers = tags((0, "TABLE"), (2, "LAYER"), (70, len(table) + len(_OTHERS))) + rows + tags((0, "ENDTAB"))
+    return tags((0, "TABLE"), (2, "LAYER"), (70, len(table) + len(_OTHERS))) + rows + tags((0, "ENDTAB"))
+
+
+def _size_entities(nest: Nest, names: Sequence[str], scale: float) -> list[str]:
+    """What is drawn of the sizes, and the list of them beside the control square."""
     bottom, entities = nest.height + GAP, []
     for row, (name, layer) in enumerate(zip(names, nest.layers, strict=True)):
         for item in layer.items:
             own = name if item.layer == "cut" else f"{name}_{item.layer.upper()}"
-            entities += [_words(item, own)] if isinstance(item, Words) else _drawn(item, own)
-        at = np.array((CONTROL + GAP + 20.0, bottom + CONTROL - LINE * (row + 1)))
-        entities.append(_words(Words(layer.name, at, 3.6), f"{name}_TEXT"))
+            entities += [_words(item, own, scale)] if isinstance(item, Words) else _drawn(item, own, scale)
+        at = np.array((CONTROL + GAP, bottom + CONTROL - LINE * (row + 1)))
+        words = f"{layer.name}: {layer.about}" if layer.about else layer.name
+        entities.append(_words(Words(words, at, 3.6, centred=False), f"{name}_TEXT", scale))
+    return entities
+
+
+def _other_entities(nest: Nest, scale: float) -> list[str]:
+    """Names of pieces and marks, warnings, and the control square."""
+    bottom = nest.height + GAP
     square = np.array(((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))) * CONTROL + (0, bottom)
-    entities += [_words(own, "NAMES") for own in nest.names]
+    entities = [_words(own, "NAMES", scale) for own in nest.names]
     for row, words in enumerate(reversed(warned_lines(nest.warnings, 4 * CONTROL))):
         at = np.array((0.0, bottom + CONTROL + LINE * (row + 1)))
-        entities.append(_words(Words(words, at, 3.6, centred=False), "WARNINGS"))
-    entities.append(_polyline(square, "CONTROL"))
-    entities.append(_words(Words("control square 100 mm", np.array((50.0, bottom + 50)), 4.0), "CONTROL"))
-    header = tags((9, "$ACADVER"), (1, "AC1009"), (9, "$INSUNITS"), (70, 4))
-    sections = (("HEADER", header), ("TABLES", layers), ("ENTITIES", "".join(entities)))
-    content = "".join(tags((0, "SECTION"), (2, name)) + body + tags((0, "ENDSEC")) for name, body in sections)
-    return (content + tags((0, "EOF"))).encode("ascii")
+        entities.append(_words(Words(words, at, 3.6, centred=False), "WARNINGS", scale))
+    entities.append(_polyline(square * scale, "CONTROL"))
+    entities.append(_words(Words("control square 100 mm", np.array((50.0, bottom + 50)), 4.0), "CONTROL", scale))
+    return entities
 
 
-def _drawn(stroke: Stroke, layer: str) -> list[str]:
+def _drawn(stroke: Stroke, layer: str, scale: float) -> list[str]:
     lines = []
     for path in stroke.paths:
         points = np.concatenate([curve.polyline(TOLERANCE) for curve in path])
         if stroke.closed:
             points = np.vstack((points, points[:1]))
-        lines.append(_polyline(points[np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6)], layer))
+        points = points[np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6)]
+        lines.append(_polyline(points * scale, layer))
     return lines
 
 
@@ -135,8 +158,9 @@ def _polyline(points: Float[ndarray, "n 2"], layer: str) -> str:
     return head + body + tags((0, "SEQEND"), (8, layer))
 
 
-def _words(words: Words, layer: str) -> str:
+def _words(words: Words, layer: str, scale: float) -> str:
     start, *_ = words.corners if words.centred else (words.at,)
-    place = ((10, float(start[0])), (20, float(start[1])), (30, 0.0), (40, 0.7 * words.size))
+    x, y = (scale * start).tolist()
+    place = ((10, x), (20, y), (30, 0.0), (40, 0.7 * words.size * scale))
     turn = [(50, words.angle)] if abs(words.angle) > 1e-6 else []
     return tags((0, "TEXT"), (8, layer), *place, (1, plain(words.text)), *turn)

@@ -40,11 +40,13 @@ class Layer:
         items: its lines, piece by piece (`group`), and its name on each; the pieces' own texts only where pieces lie
             side by side, for otherwise they would lie on one another and have lines to the names of the marks instead.
             All are of the series `name`.
+        about: what tells its cup from others, for the list of sizes; may be empty.
     """
 
     name: str
     hue: int
     items: tuple[Item, ...]
+    about: str = ""
 
     @property
     def colour(self) -> str:
@@ -97,7 +99,7 @@ class _Placed:
         return _Placed(tuple((k, piece.map(function)) for k, piece in self.pieces))
 
 
-def nested(patterns: Sequence[Pattern], align: Align = "apex") -> Nest:
+def nested(patterns: Sequence[Pattern], align: Align = "apex", about: Sequence[str] = ()) -> Nest:
     """Patterns in one drawing, each a layer with a colour of its own.
 
     With `apex` and `wire`, pieces of the same name lie on one another, not turned: all have their lower edge's chord
@@ -108,6 +110,7 @@ def nested(patterns: Sequence[Pattern], align: Align = "apex") -> Nest:
     Args:
         patterns: of one side, the smallest first; with `none` of either side.
         align: how they lie to each other; with `none` side by side.
+        about: of each pattern what tells its cup from others; empty: nothing is told.
 
     Raises:
         ValueError: no patterns.
@@ -139,7 +142,8 @@ def nested(patterns: Sequence[Pattern], align: Align = "apex") -> Nest:
                 items += [*_lines(piece, several), _size(piece, pattern.size, k, len(patterns))]
         items += [line for owner, line in leaders if owner == k]
         own = {"series": pattern.size, "colour": _colour(hue)}
-        layers.append(Layer(pattern.size, hue, tuple(replace(item, **own) for item in items)))
+        told = about[k] if about else ""
+        layers.append(Layer(pattern.size, hue, tuple(replace(item, **own) for item in items), told))
     names = (*(name for name, _, _ in named), *(mark for _, marks, _ in named for mark in marks))
     unlike = () if align == "none" else tuple(_unlike(patterns))
     return Nest(tuple(layers), sheet.width, sheet.height, tuple(patterns), names, unlike)

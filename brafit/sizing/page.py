@@ -11,6 +11,7 @@ from typing import Any
 from brafit.atomic import write_text
 from brafit.report.html import asset, fixed, link, page, text
 from brafit.report.table import write_table
+from brafit.sizing.rows import FAR_WORDS
 from brafit.sizing.service import NEAR, Choice, Sizes, Step
 
 Row = Mapping[str, Any]
@@ -32,8 +33,9 @@ HEADINGS = {
     "surface_within_3mm_percent": f"of the surface within {NEAR:g} mm, %",
     "wire_mm": "wire line, mm",
     "span_mm": "span, mm",
-    "depth_mm": "depth, mm",
+    "depth_mm": "depth of the cup, mm",
     "members_wire_mm": "wearers' wire lines, mm",
+    "members_far_wire": f"wearers with {FAR_WORDS} more or less of wire",
 }
 """Columns of the tables, in words; others are their names."""
 

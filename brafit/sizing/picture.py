@@ -30,7 +30,7 @@ def cups_figure(
     Args:
         cups: edges from the wire up, cup frame, mm.
         layers: of the nest, for names and colours.
-        captions: a line for each.
+        captions: some words for each.
     """
     columns = min(COLUMNS, len(cups))
     rows = math.ceil(len(cups) / columns)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -24,7 +23,7 @@ from brafit.naming import on_disk
 from brafit.pattern import Pattern, PatternOptions, finish, marks_on, pieces_from_panels
 from brafit.remarks import Remark
 from brafit.run.recipe import AUTO, maker_of
-from brafit.run.store import read_fit
+from brafit.run.store import read_fit, without_scans
 from brafit.settings.entries import made
 from brafit.sizing.surface import ACROSS, ALONG, corresponding
 
@@ -84,22 +83,9 @@ def fit_folders(results: Iterable[str | Path]) -> list[Path]:
             raise InputError(path, "there is no such folder", "Name the folder of a run, or of a scan in it")
         own = [path] if (path / "fit.json").exists() else sorted(file.parent for file in path.glob("*/fit.json"))
         if not own:
-            raise InputError(
-                path, "it holds no fit.json of any scan", "Name the folder of a run: the one of summary.csv"
-            )
+            raise without_scans(path)
         found |= dict.fromkeys(folder.resolve() for folder in own)
     return list(found)
-
-
-def fit_names(folders: Sequence[Path]) -> list[str]:
-    """What to call fits: by their own folders and, where several of these are called alike, by those above as well."""
-    names, depth = [folder.name for folder in folders], 1
-    while len(set(names)) < len(names) and depth < max(len(folder.parts) for folder in folders):
-        depth += 1
-        alike = {name for name, count in Counter(names).items() if count > 1}
-        longer = ("/".join(folder.parts[-depth:]) for folder in folders)
-        names = [more if name in alike else name for name, more in zip(names, longer, strict=True)]
-    return names
 
 
 def stored_fit(folder: Path) -> StoredFit | None:
@@ -266,7 +252,7 @@ def _not_again(fit: StoredFit, cause: str) -> InputError:
     return InputError(fit.folder / "fit.json", f"its cup cannot be made again ({cause})", _AGAIN)
 
 
-def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "") -> Pattern:
+def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "", units: str | None = None) -> Pattern:
     """The finished pattern of a fit, drawn for the left breast, by the settings that it was made with.
 
     Args:
@@ -274,6 +260,7 @@ def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "") ->
         name: of the pattern, on labels and in files.
         pair: whether the mirrored pieces, for the other breast, are drawn as well.
         size: that it is called on labels, if it is one.
+        units: that it is labelled in, of `brafit.pattern.options.UNITS`; None: those of the fit's settings.
 
     Raises:
         InputError: the settings that the fit was made with do not make its cup.
@@ -283,6 +270,7 @@ def pattern_of(fit: StoredFit, name: str, pair: bool = False, size: str = "") ->
     panels = [FlatPanel(*edges) for edges in zip(flat.lower, flat.upper, strict=True)]
     marks = marks_on(shape, fit.marks.get("bust_point"), fit.marks.get("strap_point"))
     pieces = pieces_from_panels(panels, "left", marks)
-    options = replace(options_of(fit), size=size, pair=pair)
+    own = options_of(fit)
+    options = replace(own, size=size, pair=pair, units=units or own.units)
     told = fit.warnings
     return finish(pieces, options, name=name, side="left", figures=dict(fit.figures), fit_warnings=told)

@@ -20,7 +20,7 @@ from brafit.fitting.loss import point_loss
 from brafit.geometry.ritz import BASES
 from brafit.scan import Preparation, load_scan
 from brafit.settings.checks import check, sources
-from brafit.settings.compose import explain, plain_composed, register
+from brafit.settings.compose import explain, from_settings, plain_composed, register
 
 CONF = Path(__file__).parents[2] / "conf"
 
@@ -174,6 +174,12 @@ def test_wrong_settings_are_refused_in_one_line(override: str, words: list[str])
     assert "\n" not in line
     for word in words:
         assert word in line
+
+
+def test_words_to_choose_from_may_have_capitals() -> None:
+    """Americans write Letter; what is kept is one spelling, so that it makes no other run."""
+    config = from_settings(["pattern.paper=Letter", "scan.side=LEFT", "out=unused"])
+    assert (config.pattern.paper, config.scan.side) == ("letter", "left")
 
 
 @pytest.mark.parametrize("override", ["cup.panels=2,3", "pattern.paper=a4,letter"])

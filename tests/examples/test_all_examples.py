@@ -125,7 +125,7 @@ def test_a_sweep_and_its_tables(told, tmp_path):
 
 def sizes_are_right(printed: str, out: Path, count: int, sizes: int) -> None:
     """Everyone has a size, the one that is nearest to her, and the printed means are those of the table."""
-    rows = re.findall(r"size (\d): (\w+), (\d+) members?, mean ([\d.]+) mm, wire (\d+) mm", printed)
+    rows = re.findall(r"size (\d): (\w+), (\d+) members?, mean ([\d.]+) mm, wire (\d+)\.\d mm", printed)
     assert len(rows) == sizes
     assert [row[4] for row in rows] == sorted(row[4] for row in rows)
     with (out / "sizes" / "members.csv").open(newline="") as file:

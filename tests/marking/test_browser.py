@@ -179,7 +179,7 @@ def test_the_depth_is_the_one_of_the_reports(tmp_path, context, tilt):
     frame = frame_from_wire(wire, "left", apex, path)
     near = points[np.linalg.norm(points - apex, axis=1) < 40]
     assert frame.to_cup(near)[:, 2].max() > frame.to_cup(apex)[2] + 0.3
-    assert figure(page, "Depth") == pytest.approx(frame.to_cup(near)[:, 2].max(), abs=0.1)
+    assert figure(page, "Depth of the breast") == pytest.approx(frame.to_cup(near)[:, 2].max(), abs=0.1)
 
 
 def test_only_a_person_says_that_marks_were_looked_at(tmp_path, proposed):
@@ -187,11 +187,11 @@ def test_only_a_person_says_that_marks_were_looked_at(tmp_path, proposed):
     before = doubts.all_inner_texts()
     ends = [words for words in before if "outer end" in words]
     assert len(ends) == 1
-    assert [words for words in before if "the apex is 10 mm off" in words]
+    assert [words for words in before if "the bust point is 10 mm off" in words]
     dragged(proposed, "apex", 5, 4)
     assert proposed.locator("#looked").is_checked() is False
     assert ends[0] in doubts.all_inner_texts()
-    assert not [words for words in doubts.all_inner_texts() if "the apex" in words]
+    assert not [words for words in doubts.all_inner_texts() if "the bust point" in words]
     assert read_landmarks(saved(proposed, tmp_path)).proposed
     fine, faults = proposed.locator("#faults .fine"), proposed.locator("#faults")
     assert "the doubts above stand" in faults.inner_text()

@@ -86,8 +86,13 @@ def test_bad_scans_cost_themselves_alone(tmp_path, capsys):
     ]
     assert "1 of 3 scans" in said.out
     assert sorted(path.name for path in out.iterdir()) == ["good.html", "index.html"]
-    assert (out / "index.html").read_text().count('class="failed"') == 2
+    index = (out / "index.html").read_text()
+    assert index.count('class="failed"') == 2
+    assert '<b id="done">1</b> of 1 done; 2 more cannot be marked: the table says why' in index
     assert mark(tmp_path / "broken.ply", "--out", out) == 2
+    index = (out / "index.html").read_text()
+    assert "The scan cannot be marked: the table says why." in index
+    assert 'id="done"' not in index
     assert mark(tmp_path / "none.ply", "--out", out) == 2
 
 

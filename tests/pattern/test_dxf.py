@@ -95,7 +95,8 @@ def test_annotations_are_whole_whatever_the_room_for_labels(tmp_path):
         for number, piece in enumerate(column, start=1):
             block = found[f"{piece.name} {piece.side}_lune".upper().replace(" ", "_")]
             lines = [words.removeprefix("Annotation: ") for words in texts(block)]
-            wanted = [f"piece {number} of 3", f"{piece.side} cup", "cut 1", "allowance 0.24 in", "cloth 0.12 in thick"]
+            wanted = [f"piece {number} of 3", f"{piece.side} cup", "cut 1"]
+            wanted += ["allowance 0.24 in (6 mm)", "cloth 0.12 in (3 mm) thick"]
             assert [lines.count(words) for words in wanted] == [1] * 5
             assert not any("see legend" in words for words in lines)
             assert [" ".join(lines).count(f"WARNING: {words}") for words in map(str, piece.warnings)] == [1]

@@ -330,7 +330,7 @@ def test_labels_say_what_a_cutter_needs():
     assert mirrored == ("lower panel", "piece 1 of 2", "lune", "right cup", *about), "both sides cut as often"
     assert sum("lune" in line for line in lunes().pieces[1].label.lines) == 1, "the name stands there once"
     inches = lunes(units="inch").pieces[0]
-    assert "allowance 0.24 in" in inches.label.lines
+    assert "allowance 0.24 in (6 mm)" in inches.label.lines
 
 
 def test_wire_channel_is_off_by_default_and_notched_where_the_wire_ends():

@@ -62,7 +62,7 @@ def test_cover_and_sheet_say_which_sides_and_what_size_are_drawn_and_how_often_e
         ({}, "allowances: wire 6.0 mm, seam 6.0 mm, upper 6.0 mm"),
         (
             {"wire": {"casing": 9.0, "play": 0.0, "spring": 0.0}, "units": "inch"},
-            "allowances: wire 0.39 in, casing 0.35 in more, seam 0.24 in, upper 0.00 in",
+            "allowances: wire 0.39 in (10 mm), casing 0.35 in (9 mm) more, seam 0.24 in (6 mm), upper 0.00 in",
         ),
     ],
 )

@@ -11,9 +11,9 @@ import pytest
 from check_pages import page_figures
 from patterns import pattern, program, small
 
-from brafit.pattern.drawing import PENS
+from brafit.pattern.drawing import PENS, Stroke, Words
 from brafit.pattern.options import PAPERS
-from brafit.pattern.pages import MARGIN, OVERLAP, Tiled, Whole, arrange
+from brafit.pattern.pages import MARGIN, OVERLAP, Tiled, Whole, arrange, paper_pages
 from brafit.pattern.pdf import write_pdf_projector, write_pdf_sheet, write_pdf_tiles
 from brafit.pattern.sheet import named_pieces
 from brafit.pattern.svg import write_svg
@@ -61,6 +61,16 @@ def test_control_square_of_the_tiled_pages(tmp_path, paper):
     assert first.shape == pytest.approx(tuple(10 * size for size in PAPERS[paper][::-1]), abs=1)
     assert is_square_of_100_mm(first)
     assert is_square_of_100_mm(first.T)
+
+
+@pytest.mark.parametrize(("units", "squares"), [("mm", [100.0]), ("inch", [25.4, 100.0])])
+def test_a_second_square_is_there_for_rulers_in_inches_alone_and_says_so(units, squares):
+    first = paper_pages([pattern(units=units)], "lune")[0]
+    own = [item for item in first.items if item.group == "control-square"]
+    lines = [stroke.paths[0][0].polyline(0.1) for stroke in own if isinstance(stroke, Stroke)]
+    assert sorted(float(np.ptp(line[:, 0])) for line in lines) == pytest.approx(squares)
+    told = [item.text for item in own if isinstance(item, Words)]
+    assert ("or the small one, with a ruler in inches" in told) == (len(squares) > 1)
 
 
 def test_control_square_of_the_large_sheet(tmp_path):

@@ -49,7 +49,9 @@ def test_deviation_is_that_of_the_alternatives(panels):
 
 def test_dimensions_have_the_order_and_units_of_the_pieces():
     pattern = finish(pieces_from_panels(lune_flat(2)), PatternOptions(), name="x", side="left")
-    survey = replace(survey_of(cup(2), [], APEX, STRAP), deviation={("cup", "apex to inner end"): 0.5})
+    survey = replace(
+        survey_of(cup(2), [], APEX, STRAP), deviation={("cup", "bust point to inner end, through the air"): 0.5}
+    )
     table = dimensions(cup(2), pattern, APEX, STRAP, survey)
     assert [d.name for d in table[:5]] == ["wire", "seam", "width", "height", "area"]
     assert [d.part for d in table if d.name == "area"] == ["lower panel", "upper panel"]

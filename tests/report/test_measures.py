@@ -55,7 +55,7 @@ def flat_place(panels: int, panel: int, angle: float, share: float) -> np.ndarra
 @pytest.mark.parametrize(("angle", "share"), [(np.pi / 2, 0.3), (1.1, 0.6), (2.0, 0.15)])
 def test_taut_tape_within_a_panel_is_a_straight_line_of_its_pattern(angle, share):
     apex, strap = on_ruling(1, 0, angle, share), on_ruling(1, 0, 1.4, 1.0)
-    found = own(lune(1), apex, strap)["strap point to apex"]
+    found = own(lune(1), apex, strap)["strap point to bust point"]
     straight = flat_place(1, 0, angle, share) - flat_place(1, 0, 1.4, 1.0)
     assert found == pytest.approx(np.linalg.norm(straight), abs=2e-3)
 
@@ -92,13 +92,13 @@ def test_sections_of_cylinders():
     apex = on_ruling(2, 0, np.pi / 2, 0.4)
     found = own(lune(2), apex)
     ruling = 2 * RADIUS * np.sin(np.pi / 8)
-    assert found["apex straight down to the wire"] == pytest.approx(0.4 * ruling, abs=1e-3)
-    assert found["upper cup depth (apex straight up)"] == pytest.approx(1.6 * ruling, abs=1e-3)
-    assert found["vertical over the apex"] == pytest.approx(2 * ruling, abs=1e-3)
+    assert found["bust point down to the wire (bottom cup depth)"] == pytest.approx(0.4 * ruling, abs=1e-3)
+    assert found["bust point up to the upper edge (upper cup depth)"] == pytest.approx(1.6 * ruling, abs=1e-3)
+    assert found["vertical over the bust point"] == pytest.approx(2 * ruling, abs=1e-3)
     assert found["wire line"] == pytest.approx(np.pi * RADIUS, abs=1e-4)
     assert found["neckline"] == pytest.approx(np.pi * RADIUS, abs=1e-4)
     # level, the plane x = c: panel 0 runs between x = R sin(t) and R sin(t) cos(45 degrees)
-    assert found["horizontal over the apex"] == pytest.approx(level_section(2, apex[0]), abs=0.01)
+    assert found["horizontal over the bust point"] == pytest.approx(level_section(2, apex[0]), abs=0.01)
 
 
 def level_section(panels: int, x: float) -> float:

@@ -17,6 +17,7 @@ from lunes import RADIUS, lune_cup, lune_flat, sphere_points
 from readers import MissingReaderError
 
 from brafit.fitting import CupFit, ResultCode, Target
+from brafit.fitting.result import Survey
 from brafit.landmarks import CupFrame
 from brafit.pattern import PatternOptions, Side
 from brafit.remarks import Remark
@@ -79,7 +80,7 @@ def test_report_says_what_was_measured_given_and_guessed(tmp_path):
         "wider than the material",
         "the fit was not sure",
         "Finished dimensions",
-        "apex mark to strap point mark (straight)",
+        "bust point mark to strap point mark, through the air",
         "area of all panels",
         "neckline",
     ):
@@ -99,10 +100,21 @@ def test_in_inches_all_that_is_cut_or_bought_is(tmp_path):
         length, area = f"{dimension.value / 25.4:.2f} in<", f"{dimension.value / 6.4516:.1f} in²<"
         assert (length if dimension.unit == "mm" else area) in text
     (depth,) = (d.value for d in made.dimensions() if d.name == DEPTH)
-    assert f"<b>{depth / 25.4:.2f} in</b><span>depth</span>" in text
+    assert f"<b>{depth / 25.4:.2f} in</b><span>depth of the cup</span>" in text
     assert f"<b>{made.row()['rms_mm']:.2f} mm</b>" in text
     assert "cm²" not in text
     assert "pieces and dimensions in inches" in text
+
+
+@pytest.mark.parametrize(
+    ("units", "sd", "shown"),
+    [("mm", 0.04, "± 0.04"), ("inch", 0.04, "± 0.002"), ("inch", 0.004, "± &lt; 0.001"), ("mm", 0.0, "± 0.00")],
+)
+def test_a_deviation_that_is_small_is_not_shown_as_none(tmp_path, units, sd, shown):
+    made = result(units=units)
+    survey = replace(made.fit.survey or Survey({}), deviation={("cup", DEPTH): sd})
+    replace(made, fit=replace(made.fit, survey=survey)).save(tmp_path)
+    assert f">{shown}</td>" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_report_tells_sizes_as_cut_from_sizes_as_worn(tmp_path):
@@ -125,9 +137,9 @@ def test_report_tells_sizes_as_cut_from_sizes_as_worn(tmp_path):
 def test_dimensions_of_a_lune():
     found = {(d.part, d.name): d.value for d in result(apex=np.array([0.0, RADIUS, RADIUS])).dimensions()}
     assert found["cup", "wire span (end to end)"] == pytest.approx(2 * RADIUS)
-    assert found["cup", "depth (out of the wire's plane)"] == pytest.approx(RADIUS)
-    assert found["cup", "apex to inner end"] == pytest.approx(RADIUS * np.sqrt(2))
-    assert found["cup", "apex to bottom of the wire"] == pytest.approx(RADIUS * np.sqrt(2))
+    assert found["cup", DEPTH] == pytest.approx(RADIUS)
+    assert found["cup", "bust point to inner end, through the air"] == pytest.approx(RADIUS * np.sqrt(2))
+    assert found["cup", "bust point to bottom of the wire, through the air"] == pytest.approx(RADIUS * np.sqrt(2))
     assert found["cup", MARKS] == pytest.approx(0)
     assert found["lower panel", "wire"] == pytest.approx(np.pi * RADIUS, abs=0.01)
     assert found["lower panel", "height"] == pytest.approx(2 * RADIUS * np.sin(np.pi / 8), abs=0.02)

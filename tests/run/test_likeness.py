@@ -181,6 +181,9 @@ def test_a_seam_that_costs_much_is_named_as_the_cause(fit: CupFit) -> None:
     assert "the seam through the bust point" in again.remedy
     assert "condition.seam" not in again.remedy, "once is enough"
     assert kept == other
+    many = Remark("far_points", "many are", remedy="more panels follow it closer")
+    (told,) = seam_blamed(replace(fit, warnings=(many,)), free).warnings
+    assert "condition.seam=closest" in told.remedy
     alone = replace(fit, warnings=(far,))
     assert seam_blamed(alone, alone).warnings == (far,)  # the closest cup is as far
     worse = replace(fit, code=ResultCode.UNLIKE, reason="the scan's fault", faults=(far,))

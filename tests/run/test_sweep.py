@@ -86,7 +86,7 @@ def test_one_table_over_all_jobs(tmp_path: Path) -> None:
     columns = re.findall(r"<th[^>]*>(.*?)</th>", heads)
     for line, (ok, warnings, apex) in zip(lines, [("2", "4", "6.00"), ("1", "2", "6.00")], strict=False):
         cells = dict(zip(columns, re.findall(r"<td[^>]*>(.*?)</td>", line), strict=True))
-        assert (cells["ok"], cells["warnings"], cells["seam to apex"]) == (ok, warnings, apex)
+        assert (cells["ok"], cells["warnings"], cells["seam to bust point"]) == (ok, warnings, apex)
     assert "cup.terms%3D8/index.html" in page
     events = EventAccumulator(str(tmp_path / "tensorboard" / "cup.terms=8")).Reload()
     assert events.Scalars("sweep/rms_mm")[0].value == 1.5

@@ -42,7 +42,7 @@ def test_wrong_marks_on_one_breast_are_refused_all_the_same(tmp_path):
     sample = sample_paths()[1]
     apex = np.array(json.loads(landmarks_path(sample).read_text())["landmarks"]["apex"])
     off = as_proposed(sample, tmp_path, apex=(apex + np.array([0.0, 0.0, 40.0])).tolist())
-    with pytest.raises(InputError, match="the apex is 37 mm off the surface"):
+    with pytest.raises(InputError, match="the bust point is 37 mm off the surface"):
         load_scan(sample, landmarks=off)
 
 

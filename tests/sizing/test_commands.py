@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -16,11 +17,12 @@ from populations import SETTINGS, made_cup, write_fit, write_population
 
 import brafit
 from brafit.cli import nest, sizes
+from brafit.naming import told_apart
 from brafit.report.dimensions import PANELS_AREA
 from brafit.samples import sample_paths
 from brafit.scan import load_scan
 from brafit.sizing.service import NEAR
-from brafit.sizing.stored import fit_names, pattern_of, shape_of, stored_fit
+from brafit.sizing.stored import pattern_of, shape_of, stored_fit
 
 KINDS = [(60.0, 0.8), (60.0, 1.2), (75.0, 1.0)]
 
@@ -183,7 +185,7 @@ def test_scans_of_one_name_are_told_apart_by_their_folders(population, tmp_path:
     assert all(f">{name}<" in told for name in ("before/anna", "after/anna", "berta"))
     layers = {layer.dxf.name for layer in readfile(tmp_path / "out" / "patterns.dxf").layers}
     assert {"S_BEFORE_ANNA", "S_AFTER_ANNA", "S_BERTA"} <= layers
-    assert fit_names([Path("/a/x/s"), Path("/b/x/s"), Path("/b/y/s")]) == ["a/x/s", "b/x/s", "y/s"]
+    assert told_apart([Path("/a/x/s"), Path("/b/x/s"), Path("/b/y/s")]) == ["a/x/s", "b/x/s", "y/s"]
 
 
 def test_pieces_for_other_stretch_are_told(population, tmp_path: Path, capsys):
@@ -219,6 +221,59 @@ def test_finished_dimensions_say_whether_they_are_as_cut_or_as_worn(tmp_path: Pa
         "as worn",
     ]
     assert "<th>measured</th>" in (tmp_path / "out" / "index.html").read_text()
+
+
+def test_whose_size_has_a_wire_that_is_not_hers_is_told(tmp_path: Path, capsys):
+    """Half circles of 60 and 66 mm are 19 mm apart in length, of 60 and 62 mm 6 mm: a size is 15 mm."""
+    for name, radius in (("anna", 60.0), ("berta", 60.0), ("clara", 62.0), ("dora", 66.0)):
+        write_fit(tmp_path / "run" / name, *made_cup(radius, 1.0))
+    assert run(sizes, tmp_path / "run", "--sizes", 1, "--out", tmp_path / "out") == 0
+    members = {row["scan"]: row for row in table(tmp_path / "out" / "members.csv")}
+    (row,) = table(tmp_path / "out" / "sizes.csv")
+    for member in members.values():
+        longer = float(row["wire_mm"]) - float(member["wire_mm"])
+        assert float(member["size_wire_diff_mm"]) == pytest.approx(longer, abs=1e-3)
+    assert {name for name, member in members.items() if member["warning"]} == {"dora"}
+    assert "mm shorter than her own, more than a size (15 mm)" in members["dora"]["warning"]
+    assert row["members_far_wire"] == "1"
+    (told,) = (line for line in capsys.readouterr().out.splitlines() if "more than a size" in line)
+    assert told.startswith("warning: 1 of 4 wearers get a wire more than a size (15 mm) longer or shorter")
+    assert told in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert run(sizes, tmp_path / "run", "--sizes", 3, "--out", tmp_path / "out") == 0
+    assert "more than a size" not in capsys.readouterr().out
+
+
+def labelled_in(folder: Path, unit: str) -> None:
+    """A scan's folder as if it had been fitted with that `pattern.units`."""
+    content = json.loads((folder / "fit.json").read_text())
+    content["settings"]["pattern"]["units"] = unit
+    (folder / "fit.json").write_text(json.dumps(content))
+
+
+def test_a_nest_has_one_unit_that_of_most_fits_or_the_one_asked_for(tmp_path: Path, capsys):
+    for name in ("a", "b", "c"):
+        write_fit(tmp_path / "run" / name, *made_cup(*KINDS[0]))
+    for name in ("a", "b"):
+        labelled_in(tmp_path / "run" / name, "inch")
+    assert run(nest, tmp_path / "run", "--out", tmp_path / "out") == 0
+    said = "(2 in inches and 1 in mm): here all are in inches (--units)"
+    assert said in capsys.readouterr().err
+    drawn = (tmp_path / "out" / "patterns.svg").read_text(encoding="utf-8")
+    assert ">lengths in inches, true size (1:1)<" in drawn
+    assert len(re.findall(r">[abc]: wire 7\.\d\d in, depth of cup \d\.\d\d in<", drawn)) == 3
+    assert run(nest, tmp_path / "run", "--out", tmp_path / "out", "--units", "mm") == 0
+    assert said not in capsys.readouterr().err
+    assert len(re.findall(r">[abc]: wire 18\d\.\d mm, depth", (tmp_path / "out" / "patterns.svg").read_text())) == 3
+
+
+def test_finished_dimensions_of_sizes_are_in_the_unit_of_the_fits(tmp_path: Path, capsys):
+    dimensions = [["cup", "wire", 254.0, "mm", None], ["cup", PANELS_AREA, 64.516, "cm2", None]]
+    write_fit(tmp_path / "run" / "one", *made_cup(60.0, 1.0), pattern={"dimensions": dimensions})
+    labelled_in(tmp_path / "run" / "one", "inch")
+    assert run(sizes, tmp_path / "run", "--sizes", 1, "--out", tmp_path / "out") == 0
+    found = [(row["unit"], float(row["1"])) for row in table(tmp_path / "out" / "graded.csv")]
+    assert found == [("in", 10.0), ("in2", 10.0)]
+    assert re.search(r"size 1: one, .*wire 7\.\d\d in", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,30 @@ def test_dxf_has_layers_of_every_size_in_millimetres(tmp_path: Path):
         assert colours[f"S_{size}_SEW"] == colours[f"S_{size}"]
 
 
+def test_dxf_of_patterns_in_inches_is_in_inches(tmp_path: Path):
+    """As each one's own file is; and says so, for a reader that asks."""
+    sides = {}
+    for units in ("mm", "inch"):
+        (tmp_path / f"{units}.dxf").write_bytes(nest_dxf(nested([pattern(units=units)])))
+        read = readfile(tmp_path / f"{units}.dxf")
+        (square,) = read.modelspace().query('POLYLINE[layer=="CONTROL"]')
+        points = np.array([v.dxf.location for v in square.vertices])  # type: ignore[attr-defined]
+        sides[read.units] = float(np.ptp(points[:, 0]))
+    assert sides == pytest.approx({4: 100.0, 1: 100 / 25.4}, abs=1e-5)
+
+
+def test_the_list_of_sizes_says_what_their_cups_are_like(tmp_path: Path):
+    about = ["wire 200.0 mm", "wire 208.0 mm", "wire 218.0 mm"]
+    nest = nested([replace(one, size=f"{one.size} {'x' * 80}") for one in three()], about=about)
+    told = [item.text for item in nest_page(nest, "title").items if isinstance(item, Words) and item.group == "sizes"]
+    assert [words.partition(": ")[2] for words in told] == about
+    assert [words[0] for words in told] == list(SIZES)
+    assert all("…" in words for words in told), "a name that is too long gives way"
+    (tmp_path / "nest.dxf").write_bytes(nest_dxf(nest))
+    read = [text.dxf.text for text in readfile(tmp_path / "nest.dxf").modelspace().query("TEXT")]
+    assert all(any(words.endswith(f": {one}") for words in read) for one in about)
+
+
 def test_pdf_is_one_page_at_true_size(tmp_path: Path):
     import subprocess
 
@@ -240,7 +265,7 @@ def test_legend_tells_the_cloth_of_each_pattern_where_they_differ():
     assert {"1: thin cloth without stretch", "2: cloth 3.0 mm thick"} <= set(cloths)
     assert "cloth 3.0 mm thick" not in cloths
     units = told(pattern(size="1", cloth=foam), pattern(size="2", cloth=foam, units="inch"))
-    assert {"1: mm, cloth 3.0 mm thick", "2: inch, cloth 0.12 in thick"} <= set(units)
+    assert {"1: mm, cloth 3.0 mm thick", "2: inch, cloth 0.12 in (3 mm) thick"} <= set(units)
     assert not any(words.startswith(("units:", "lengths in")) for words in units)
 
 

@@ -14,7 +14,7 @@ const shade = (name) =>
 const MARKS = [
   ["wire", "Wire"],
   ["strap_point", "Strap point"],
-  ["apex", "Apex"],
+  ["apex", "Bust point"],
   ["neckline", "Neckline"],
 ];
 const has = (breast, mark) =>
@@ -33,7 +33,7 @@ const HINTS = {
         ? `Wire: go on along the crease, 5 to 8 clicks up to the outer end (${count} so far).`
         : `Wire: go on, or finish it at the outer end with a double click or Enter (${count} so far).`,
   strap_point: () => "Strap point: click where the strap is to meet the cup's upper edge.",
-  apex: () => "Apex: click the bust point. From the side one sees it best.",
+  apex: () => "Bust point: click where the breast comes out farthest. From the side one sees it best.",
 };
 
 // What to do next.
@@ -83,8 +83,8 @@ function showFigures(figures) {
     line("Wire, length", `${figures.length.toFixed(1)} mm`),
     line("Wire, end to end", `${figures.span.toFixed(1)} mm`),
     line(
-      "Depth",
-      figures.depth === null ? "no apex" : `${figures.depth.toFixed(1)} mm`,
+      "Depth of the breast",
+      figures.depth === null ? "no bust point" : `${figures.depth.toFixed(1)} mm`,
       "how far the breast comes out of the wire's plane",
     ),
     ...(figures.neckline === null ? [] : [line("Neckline, length", `${figures.neckline.toFixed(1)} mm`)]),

@@ -1,6 +1,6 @@
 // How marks look: lines and dots in the picture, and their names.
 
-const NAMES = { inner_end: "Inner end", outer_end: "Outer end", strap_point: "Strap point", apex: "Apex" };
+const NAMES = { inner_end: "Inner end", outer_end: "Outer end", strap_point: "Strap point", apex: "Bust point" };
 const COLOURS = {
   wire: [0.82, 0.28, 0.05, 1],
   inner: [0.11, 0.45, 0.18, 1],
