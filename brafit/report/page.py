@@ -30,8 +30,6 @@ DOTS = 6000
 """Points of a cloud that the 3D view shows at most."""
 EXACT = "Wire, neckline, marks, and the surface that is assumed where the scan has no points, are taken as exact"
 """What the standard deviations do not know of."""
-LABELLED = "pattern.units"
-"""In place of a unit: that of the pattern's labels."""
 _CALLED = {"apex": "bust point"}
 """What inputs are called whose key says it otherwise."""
 _STRIPS, _FOLDS = 6, 9
@@ -123,30 +121,27 @@ def write_report(path: str | Path, content: ScanPage) -> None:
 
 
 def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension], pattern: Pattern) -> str:
-    seams = ("seam sides differ by", row.get("seam_mismatch_mm"), "mm", 2)
+    def told(key: str, unit: str, places: int) -> str | None:
+        value = number(row.get(key))
+        return None if value is None else f"{fixed(value, places)} {unit}"
+
+    wire, depth = number(row.get("wire_length_mm")), next((d.value for d in dimensions if d.name == DEPTH), None)
+    seams = {"seam sides differ by": told("seam_mismatch_mm", "mm", 2)}
     if pattern.reshaped:
-        seams = ("seam sides differ by, as cut", pattern.seam_difference, "mm", 2)
-    depth = next((d.value for d in dimensions if d.name == DEPTH), None)
-    facts = [
-        ("RMS distance", row.get("rms_mm"), "mm", 2),
-        ("95 % of the points within", row.get("p95_mm"), "mm", 2),
-        ("seam to bust point", row.get("seam_to_apex_mm"), "mm", 1),
-        ("wire", row.get("wire_length_mm"), LABELLED, 1),
-        ("depth of the cup", depth, LABELLED, 1),
-        ("twist at most", row.get("twist_deg_max"), "degrees", 2),
-        seams,
-    ]
-    told = [(name, number(value), unit, places) for name, value, unit, places in facts]
+        seams = {"seam sides differ by, as cut": f"{fixed(pattern.seam_difference, 2)} mm"}
+    facts = {
+        "RMS distance": told("rms_mm", "mm", 2),
+        "95 % of the points within": told("p95_mm", "mm", 2),
+        "seam to bust point": told("seam_to_apex_mm", "mm", 1),
+        "wire": None if wire is None else pattern.options.length(wire, 1),
+        "depth of the cup": None if depth is None else pattern.options.length(depth, 1),
+        "twist at most": told("twist_deg_max", "degrees", 2),
+        **seams,
+    }
     cells = [
-        f"<div><b>{text(_measure(value, unit, places, pattern))}</b><span>{name}</span></div>"
-        for name, value, unit, places in told
-        if value is not None
+        f"<div><b>{text(value)}</b><span>{name}</span></div>" for name, value in facts.items() if value is not None
     ]
     return f'<div class="facts">{"".join(cells)}</div>'
-
-
-def _measure(value: float, unit: str, places: int, pattern: Pattern) -> str:
-    return pattern.options.length(value, places) if unit == LABELLED else f"{fixed(value, places)} {unit}"
 
 
 def _warnings(warnings: Sequence[str]) -> str:
