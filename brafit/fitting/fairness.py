@@ -72,7 +72,7 @@ def plainness(panels: int) -> float:
     """Its weight with so many panels, at `Conditions.fairness` 1: the fewer panels, the less close the cup, and the
     less data say about it. With more than FEW it falls faster: there the plain cup would win over closer ones.
     """
-    return PLAINNESS / panels * min(1.0, FEW / panels) ** 2
+    return PLAINNESS / panels * min(1.0, FEW / panels)
 
 
 def wavy(squared: Tensor, spans: Float[Tensor, " m"], share: float = 1.0) -> tuple[Tensor, Tensor]:

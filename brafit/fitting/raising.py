@@ -22,7 +22,8 @@ _BARRIER = 10.0
 _STRONGER = 1.3
 """The distance between apex and ridge falls about as the weight's inverse; it is raised by so much more."""
 _RESPONSE = 1.5
-"""The distance between edge and neckline falls about as the weight to the power of -1 / 1.5."""
+"""Power of the distance between edge and neckline over its limit, by which the weight is raised. The distance falls
+about as the root of the weight: so it comes to the limit in two or three goes, and not below it."""
 
 
 @dataclass(frozen=True)
