@@ -191,6 +191,9 @@ install_packages() {
         stop "pip could not install the packages; its lines above say why. They are known to exist for Linux on x86_64" \
             "with glibc 2.35 or later (Debian 12, Ubuntu 22.04) and CPython 3.$first_minor to 3.$last_minor; here:" \
             "$(uname -sm), $(getconf GNU_LIBC_VERSION 2>/dev/null || echo no glibc), $("$venv/bin/python" --version)"
+    # In a folder that holds a clone called brafit, Python takes the clone for the package, unless it finds one on its path:
+    # what pip adds for an editable package comes later.
+    echo "$root" > "$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/brafit-clone.pth"
     if ! message=$("$venv/bin/python" -c 'import open3d' 2>&1); then
         stop "Open3D does not import: ${message##*$'\n'}. On Debian it needs: apt-get install -y $open3d_packages"
     fi

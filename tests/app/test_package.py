@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -38,3 +40,11 @@ def test_set_up_brings_the_libraries_that_a_failed_import_names() -> None:
 
 def test_one_version() -> None:
     assert PROJECT["project"]["version"] == __version__
+
+
+def test_a_folder_of_its_name_does_not_hide_it(tmp_path: Path) -> None:
+    """As one does that a clone lies in."""
+    (tmp_path / "brafit").mkdir()
+    code = "import brafit, brafit.conf; print(brafit.__version__)"
+    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == __version__
