@@ -19,11 +19,13 @@ class Survey:
 
     Attributes:
         taped: lengths over the surface, mm, by their names; without those that the cup does not have.
+        through_air: span, depth, and distances that no tape takes, likewise.
         deviation: standard deviations of dimensions by part and name, mm or cm2; none without alternatives.
         outlines: of each panel, see `brafit.fitting.certainty.outline_deviation`; none where nobody asked for them.
     """
 
     taped: Mapping[str, float]
+    through_air: Mapping[str, float]
     deviation: Mapping[tuple[str, str], float] = field(default_factory=dict)
     outlines: Sequence[EdgeDeviations] = ()
 

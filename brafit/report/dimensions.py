@@ -14,7 +14,7 @@ from brafit.cup.names import edge_names, panel_names
 from brafit.fitting.certainty import outline_deviations
 from brafit.fitting.result import Survey
 from brafit.pattern.finish import Pattern
-from brafit.report.measures import Cups, Fitted, over_surface
+from brafit.report.measures import BustPoints, Cups, Fitted, over_surface
 from brafit.underwires.nearest import wanted_wire
 
 Key = tuple[str, str]
@@ -67,7 +67,7 @@ def dimensions(
     Args:
         fit: the cup, cup frame, mm, no batch dimension, and its flat panels.
         pattern: its finished pieces; with ease, their lengths are those to cut, not those worn.
-        apex: bust point, cup frame.
+        apex: bust point as marked, cup frame.
         strap_point: cup frame, mm; None: there is none, and no distance from it.
         survey: of the cup and its alternatives; None: it is made, of the cup alone.
     """
@@ -77,8 +77,7 @@ def dimensions(
         found |= {(piece.name, line.name): line.length for line in piece.sew}
         width, height = np.ptp(piece.sew_outline(0.001), axis=0)
         found |= {(piece.name, "width"): width, (piece.name, "height"): height, (piece.name, "area"): piece.area / 100}
-    of_cup = _of_cup(_numbers(fit.shape.edges)[None], apex)
-    found |= {(CUP, name): float(value[0]) for name, value in of_cup.items()}
+    found |= {(CUP, name): value for name, value in known.through_air.items()}
     if strap_point is not None:
         found[CUP, MARKS] = float(np.linalg.norm(strap_point - apex))
     found[CUP, PANELS_AREA] = sum(piece.area for piece in pattern.pieces) / 100
@@ -119,8 +118,8 @@ def surveys(
     strap_point: Float[ndarray, "fits 3"] | None = None,
     outlines: bool = False,
 ) -> list[Survey]:
-    """Measures over the surface of each fit's own cup, and standard deviations of every dimension of pieces and cup,
-    before ease and stretch.
+    """Measures of each fit's own cup, through the air and over its surface, and standard deviations of every dimension
+    of pieces and cup, before ease and stretch.
 
     Args:
         cups: each fit's own, then its alternatives.
@@ -128,9 +127,11 @@ def surveys(
         strap_point: cup frame, mm, or None.
         outlines: whether those of the outlines are wanted too.
     """
-    taped, over = over_surface(cups, apex, strap_point)
+    bust = BustPoints.of(cups, apex)
+    taped, over = over_surface(cups, bust, strap_point)
+    straight = _of_cup(_numbers(cups.edges), bust.places.reshape(*cups.edges.shape[:2], 3))
     pieces = piece_dimensions(cups)
-    varied = {(CUP, name): value for name, value in _of_cup(_numbers(cups.edges), apex[:, None]).items()} | pieces
+    varied = {(CUP, name): value for name, value in straight.items()} | pieces
     varied[CUP, PANELS_AREA] = np.sum([value for (_, name), value in pieces.items() if name == "area"], axis=0)
     varied |= {(SURFACE, name): values for name, values in over.items()}
     several = cups.edges.shape[1] > 1
@@ -141,6 +142,7 @@ def surveys(
     return [
         Survey(
             {name: float(values[k]) for name, values in taped.items() if np.isfinite(values[k])},
+            {name: float(values[k, 0]) for name, values in straight.items()},
             {key: float(values[k]) for key, values in spread.items() if np.isfinite(values[k])},
             bands[k],
         )
@@ -179,7 +181,7 @@ def _of_flat(edges: Float[ndarray, "cups 2 n 2"]) -> dict[str, Float[ndarray, " 
 
 
 def _of_cup(
-    edges: Float[ndarray, "*cups e n 3"], apex: Float[ndarray, "*#cups 3"]
+    edges: Float[ndarray, "*cups e n 3"], bust: Float[ndarray, "*cups 3"]
 ) -> dict[str, Float[ndarray, "*cups"]]:
     """Span, depth, and distances from the bust point through the air, mm."""
     wire, upper = edges[..., 0, :, :], edges[..., -1, :, :]
@@ -190,8 +192,8 @@ def _of_cup(
         "outer end": outer,
         "bottom of the wire": np.take_along_axis(wire, lowest, axis=-2)[..., 0, :],
     }
-    straight = {name: np.linalg.norm(place - apex, axis=-1) for name, place in places.items()}
-    straight["nearest point of the upper edge"] = np.linalg.norm(upper - apex[..., None, :], axis=-1).min(-1)
+    straight = {name: np.linalg.norm(place - bust, axis=-1) for name, place in places.items()}
+    straight["nearest point of the upper edge"] = np.linalg.norm(upper - bust[..., None, :], axis=-1).min(-1)
     return {
         "wire span (end to end)": np.linalg.norm(outer - inner, axis=-1),
         DEPTH: edges[..., 2].max((-2, -1)),

@@ -20,6 +20,7 @@ from torch import Tensor
 from brafit.cup.shape import CupShape
 from brafit.geometry.development import FlatPanel
 from brafit.geometry.nearest import nearest_feet, surface_points
+from brafit.geometry.panels import Feet
 from brafit.geometry.spline import between, running_lengths, slopes
 from brafit.pattern.marks import nearest_on_curves
 from brafit.report.sections import sections
@@ -102,8 +103,33 @@ Taped = dict[str, Float[ndarray, " fits"]]
 Varied = dict[str, Float[ndarray, "fits each"]]
 
 
+@dataclass(frozen=True, eq=False)
+class BustPoints:
+    """The bust points of cups, fit after fit: of each the point nearest to the one that was marked.
+
+    Attributes:
+        feet: where on the panels.
+        places: cup frame, mm.
+    """
+
+    feet: Feet
+    places: Float[ndarray, "cups 3"]
+
+    @staticmethod
+    def of(cups: Cups, apex: Float[ndarray, "fits 3"]) -> BustPoints:
+        """Those of the fits' cups. `apex`: as marked."""
+        edges, tangents = cups.edges.flatten(0, 1), cups.tangents.flatten(0, 1)
+        marked = torch.from_numpy(_every(cups, apex))[:, None]
+        feet = nearest_feet(marked, edges, tangents, cups.stations)
+        return BustPoints(feet, surface_points(edges, tangents, cups.stations, feet)[:, 0].numpy())
+
+
+def _every(cups: Cups, places: Float[ndarray, "fits 3"]) -> Float[ndarray, "cups 3"]:
+    return np.repeat(np.asarray(places, float), cups.edges.shape[1], axis=0)
+
+
 def over_surface(
-    cups: Cups, apex: Float[ndarray, "fits 3"], strap_point: Float[ndarray, "fits 3"] | None = None
+    cups: Cups, bust: BustPoints, strap_point: Float[ndarray, "fits 3"] | None = None
 ) -> tuple[Taped, Varied]:
     """Measures of the fits' own cups, and of all, mm; nan where a section does not leave the cup. Between cups of a fit
     they are to be compared: where there are several they are of every other station, of which the sections hardly
@@ -111,18 +137,11 @@ def over_surface(
 
     Args:
         cups: of the fits.
-        apex: bust points; the measures begin at the cup's nearest point.
+        bust: where the measures begin.
         strap_point: where the strap is sewn on; it counts as its nearest place on the upper edge.
     """
     fits, each = cups.edges.shape[:2]
-
-    def every(places: Float[ndarray, "fits 3"]) -> Float[ndarray, "cups 3"]:
-        return np.repeat(np.asarray(places, float), each, axis=0)
-
-    edges, tangents = cups.edges.flatten(0, 1), cups.tangents.flatten(0, 1)
-    feet = nearest_feet(torch.from_numpy(every(apex))[:, None], edges, tangents, cups.stations)
-    at = surface_points(edges, tangents, cups.stations, feet)[:, 0].numpy()
-    numbers = edges.numpy()
+    numbers, at = cups.edges.flatten(0, 1).numpy(), bust.places
     coarse = each > 1 and numbers.shape[2] % 2 == 1
     found = _sections(numbers[:, :, :: 2 if coarse else 1], at)
     fine = _sections(numbers[::each], at[::each]) if coarse else {}
@@ -131,12 +150,12 @@ def over_surface(
     if strap_point is None:
         found[UPPER] = uppers[:, -1]
     else:
-        x, v = numbers[:, -1], tangents[:, -1].numpy()
-        _, straps = nearest_on_curves(x, v, cups.stations.numpy(), every(strap_point))
+        x, v = numbers[:, -1], cups.tangents.flatten(0, 1)[:, -1].numpy()
+        _, straps = nearest_on_curves(x, v, cups.stations.numpy(), _every(cups, strap_point))
         so_far = uppers[..., None]
         before = between(so_far, slopes(so_far), straps)[:, 0]
         found |= {NECKLINE: before, UNDERARM: uppers[:, -1] - before}
-        found[STRAP] = taut_lengths(cups.flat.numpy(), straps.reshape(fits, each), feet).ravel()
+        found[STRAP] = taut_lengths(cups.flat.numpy(), straps.reshape(fits, each), bust.feet).ravel()
     varied = {name: found[name].reshape(fits, each) for name in _ORDER if name in found}
     return {name: values[:, 0] if name not in fine else fine[name] for name, values in varied.items()}, varied
 

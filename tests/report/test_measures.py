@@ -12,7 +12,7 @@ from scipy.special import ellipeinc
 
 from brafit.cup.shape import CupShape
 from brafit.geometry.development import FlatPanel
-from brafit.report.measures import Cups, over_surface
+from brafit.report.measures import BustPoints, Cups, over_surface
 from brafit.report.sections import sections
 from brafit.report.taut import Place, Way, flat_curves, pulled
 
@@ -29,7 +29,8 @@ def lune(panels: int) -> Cup:
 
 def own(cup: Cup, apex: np.ndarray, strap: np.ndarray | None = None) -> dict[str, float]:
     """Measures of a cup."""
-    found, _ = over_surface(Cups.of([[cup]]), apex[None], None if strap is None else strap[None])
+    cups = Cups.of([[cup]])
+    found, _ = over_surface(cups, BustPoints.of(cups, apex[None]), None if strap is None else strap[None])
     return {name: float(value) for name, (value,) in found.items()}
 
 

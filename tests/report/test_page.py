@@ -17,11 +17,10 @@ from lunes import RADIUS, lune_cup, lune_flat, sphere_points
 from readers import MissingReaderError
 
 from brafit.fitting import CupFit, ResultCode, Target
-from brafit.fitting.result import Survey
 from brafit.landmarks import CupFrame
 from brafit.pattern import PatternOptions, Side
 from brafit.remarks import Remark
-from brafit.report.dimensions import DEPTH, MARKS
+from brafit.report.dimensions import DEPTH, MARKS, survey_of
 from brafit.report.html import MEANINGS
 from brafit.report.index import MAIN, write_index
 from brafit.result import Result
@@ -112,7 +111,7 @@ def test_in_inches_all_that_is_cut_or_bought_is(tmp_path):
 )
 def test_a_deviation_that_is_small_is_not_shown_as_none(tmp_path, units, sd, shown):
     made = result(units=units)
-    survey = replace(made.fit.survey or Survey({}), deviation={("cup", DEPTH): sd})
+    survey = replace(survey_of(made.fit, [], np.array([0.0, RADIUS, RADIUS])), deviation={("cup", DEPTH): sd})
     replace(made, fit=replace(made.fit, survey=survey)).save(tmp_path)
     assert f">{shown}</td>" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
@@ -143,6 +142,16 @@ def test_dimensions_of_a_lune():
     assert found["cup", MARKS] == pytest.approx(0)
     assert found["lower panel", "wire"] == pytest.approx(np.pi * RADIUS, abs=0.01)
     assert found["lower panel", "height"] == pytest.approx(2 * RADIUS * np.sin(np.pi / 8), abs=0.02)
+
+
+def test_dimensions_begin_at_the_cups_own_bust_point():
+    """Wherever off the cup the mark lies that it is nearest to: here farther out than a lune's tip."""
+    on, off = (
+        {(d.part, d.name): d.value for d in result(apex=np.array([0.0, RADIUS, far * RADIUS])).dimensions()}
+        for far in (1.0, 1.1)
+    )
+    assert on.pop(("cup", MARKS)) != off.pop(("cup", MARKS))
+    assert off == pytest.approx(on)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
