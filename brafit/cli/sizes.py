@@ -51,6 +51,7 @@ def _run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from brafit.run.folder import make_writable
+    from brafit.run.store import SIZES, refuse_taken
     from brafit.sizing.cloth import check_thickness, cloth_notes
     from brafit.sizing.stored import fit_folders, read_fits, surfaces_of
     from brafit.sizing.units import unit_of
@@ -58,6 +59,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.sizes < 1:
         raise ConfigError(f"--sizes {options.sizes}: must be 1 or more")
     folders = fit_folders(options.results)
+    refuse_taken(options.out, SIZES)
     make_writable(options.out)
     refused: list[BrafitError] = []
 
@@ -79,7 +81,7 @@ def _run(options: argparse.Namespace) -> int:
     unit, told = unit_of(fits, options.units)
     notes += [*told, *cloth_notes(fits)]
     print("\n".join([*notes, *_written(options, fits, surfaces, unit, notes)]))
-    return SOME_FAILED if refused else ALL_OK
+    return SOME_FAILED if refused or failed else ALL_OK
 
 
 def _written(

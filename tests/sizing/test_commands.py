@@ -116,6 +116,32 @@ def test_what_cannot_be_used_is_said_in_a_line_and_the_rest_goes_on(population, 
     assert sum(name.endswith("_SEW") for name in layers) == 11
 
 
+def test_a_scan_that_failed_is_told_by_the_exit_status(population, tmp_path: Path):
+    results = tmp_path / "results"
+    shutil.copytree(population[0], results)
+    file = min(results.iterdir()) / "fit.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"status": "failed", "reason": "x"}))
+    assert run(sizes, results, "--sizes", 3, "--out", tmp_path / "out") == 1
+    assert run(nest, results, "--out", tmp_path / "nest") == 1
+
+
+@pytest.mark.parametrize("out", ["run", "run/anna", "collected", "sweep", "other"])
+@pytest.mark.parametrize("command", [sizes, nest])
+def test_no_results_of_others_are_written_over(command, tmp_path: Path, capsys, out: str):
+    write_fit(tmp_path / "run" / "anna", *made_cup(60.0, 1.0))
+    for file in ("collected/summary.csv", "sweep/sweep.csv", "other/sizes.csv"):
+        (tmp_path / file).parent.mkdir()
+        (tmp_path / file).touch()
+    before = sorted(tmp_path.rglob("*"))
+    words = [tmp_path / "run", "--out", tmp_path / out, *(["--sizes", 1] if command is sizes else [])]
+    if (command, out) == (sizes, "other"):  # of an earlier time
+        assert run(command, *words) == 0
+        return
+    assert run(command, *words) == 2
+    assert f"--out {tmp_path / out}: " in capsys.readouterr().err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 def for_cloth(folder: Path, **cloth: float) -> None:
     """A scan's folder as if its fit had been made for other cloth."""
     content = json.loads((folder / "fit.json").read_text())
