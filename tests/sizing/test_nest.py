@@ -292,3 +292,16 @@ def test_names_of_any_letters_are_kept_apart(tmp_path: Path):
 def _written(path: Path, data: bytes) -> Path:
     path.write_bytes(data)
     return path
+
+
+def test_names_of_the_list_are_shortened_only_without_room_and_never_to_the_same():
+    about = "wire 182.3 mm, depth of cup 60.1 mm"
+    names = [f"{'a_long_folder_of_runs/' * many}cup.panels={k}/anny_01" for many in (1, 9) for k in (2, 3)]
+    for own in (names[:2], names):
+        patterns = [pattern(size=name) for name in own]
+        nest = nested(patterns, about=[about] * len(own))
+        page = nest_page(nest, "sizes")
+        told = [item for item in page.items if isinstance(item, Words) and item.group == "sizes"]
+        assert len({item.text for item in told}) == len(own)
+        assert [item.text for item in told[:2]] == [f"{name}: {about}" for name in names[:2]]
+        assert all(item.corners[:, 0].max() <= page.width for item in told)
