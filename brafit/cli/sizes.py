@@ -113,11 +113,14 @@ def _written(
     nest = nested(patterns, options.align, about)
     _draw(options, title, nest, shapes, sizes, found)
     write_tables(options.out, sizes, member_rows(found, fits, gap), graded, found)
-    warnings = [f"warning: {words}" for words in nest.unlike]
-    warnings += [f"warning: {words}" for words in far_wires(found, fits)]
-    warnings += [f"warning: size {words}" for words in warnings_of(patterns)]
-    write_page(options.out, title, sizes, graded, found, [*notes, *warnings])
-    return [*warnings, *_summary(found, sizes, about), f"Results: {shown(str(options.out / 'index.html'))}"]
+    several = "size " * (len(patterns) > 1)  # else warnings do not begin with the size's name
+    warnings = [*nest.unlike, *far_wires(found, fits), *(f"{several}{words}" for words in warnings_of(patterns))]
+    write_page(options.out, title, sizes, graded, found, notes, warnings)
+    return [
+        *(f"warning: {words}" for words in warnings),
+        *_summary(found, sizes, about),
+        f"Results: {shown(str(options.out / 'index.html'))}",
+    ]
 
 
 def _found(

@@ -264,7 +264,8 @@ def test_whose_size_has_a_wire_that_is_not_hers_is_told(tmp_path: Path, capsys):
     assert row["members_far_wire"] == "1"
     (told,) = (line for line in capsys.readouterr().out.splitlines() if "more than a size" in line)
     assert told.startswith("warning: 1 of 4 wearers get a wire more than a size (15 mm) longer or shorter")
-    assert told in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert f'class="warnings"><b>Warnings</b><ul><li>{told.removeprefix("warning: ")}</li>' in page
     assert run(sizes, tmp_path / "run", "--sizes", 3, "--out", tmp_path / "out") == 0
     assert "more than a size" not in capsys.readouterr().out
 
@@ -299,6 +300,9 @@ def test_finished_dimensions_of_sizes_are_in_the_unit_of_the_fits(tmp_path: Path
     assert run(sizes, tmp_path / "run", "--sizes", 1, "--out", tmp_path / "out") == 0
     found = [(row["unit"], float(row["1"])) for row in table(tmp_path / "out" / "graded.csv")]
     assert found == [("in", 10.0), ("in2", 10.0)]
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert page.count(">10.00</td>") == 2
+    assert ">in²</td>" in page
     assert re.search(r"size 1: one, .*wire 7\.\d\d in", capsys.readouterr().out)
 
 
