@@ -19,7 +19,18 @@ from brafit.pattern.label import text_width
 from brafit.pattern.lettering import LEAST, one_line, shortened, text
 from brafit.pattern.options import UNITS
 from brafit.pattern.pdf import write_pages
-from brafit.pattern.sheet import CONTROL, GAP, MARGIN, ROOM, control_square, heading, legend, told_below, warned_lines
+from brafit.pattern.sheet import (
+    CONTROL,
+    GAP,
+    MARGIN,
+    ROOM,
+    TEXT,
+    control_square,
+    heading,
+    legend,
+    told_below,
+    warned_lines,
+)
 from brafit.pattern.svg import page_svg
 from brafit.sizing.nest import Layer, Nest
 
@@ -76,8 +87,8 @@ def nest_page(nest: Nest, title: str, note: str = "") -> Page:
 
 
 def _list_width(layers: Sequence[Layer]) -> float:
-    """What the list of sizes needs, so that none is shortened, mm."""
-    return KEY + max(text_width(f"{one_line(layer.name)}{_about(layer)}", LEAST) for layer in layers)
+    """What the list of sizes needs, so that none is shortened or set smaller, mm."""
+    return KEY + max(text_width(f"{one_line(layer.name)}{_about(layer)}", TEXT) for layer in layers)
 
 
 def _about(layer: Layer) -> str:
@@ -105,7 +116,7 @@ def _sizes(layers: Sequence[Layer], x: float, top: float, room: float) -> list[I
         y = top - 2.0 - LINE * row
         line = line_of(((x, y), (x + 18, y)))
         items.append(Stroke(INFO, "cut", "key size", (line,), colour=layer.colour, group="sizes"))
-        items.append(replace(text(f"{name}{_about(layer)}", x + KEY, y, 3.4, room=room), group="sizes"))
+        items.append(replace(text(f"{name}{_about(layer)}", x + KEY, y, TEXT, room=room), group="sizes"))
     return items
 
 
