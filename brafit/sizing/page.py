@@ -139,7 +139,7 @@ def write_page(
     )
 
 
-def _dimensions(graded: Sequence[Row]) -> tuple[list[Row], int]:
+def _dimensions(graded: Sequence[Row]) -> tuple[Sequence[Row], int]:
     """Finished dimensions as the page shows them, and with how many decimal places: as many as labels have."""
     units = {str(row["unit"]) for row in graded}
     shown = [dict(row) | {"unit": UNITS.get(str(row["unit"]), row["unit"])} for row in graded]
