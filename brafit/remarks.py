@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
+
+GUESSES = frozenset({"bust_point_guessed", "guessed_marks"})
+"""Codes of notes that whoever cuts the cloth should know too: a mark that pieces bear or begin at is a guess."""
+UNSEEN = frozenset({"unseen_landmarks", "doubtful_landmarks"})
+"""Codes of warnings that say as much of all marks."""
 
 
 @dataclass(frozen=True)
@@ -24,3 +31,16 @@ class Remark:
     def __str__(self) -> str:
         head = f"{self.about}: " if self.about else ""
         return f"{head}{self.text}; {self.remedy}" if self.remedy else f"{head}{self.text}"
+
+
+def on_paper(warnings: Iterable[Remark], facts: Mapping[str, Any]) -> tuple[Remark, ...]:
+    """What patterns say of the scan and of the fit that they come from: warnings, and notes that a mark is a guess.
+
+    Args:
+        warnings: of the fit.
+        facts: entries of fit.json, with its `notes` and `note_codes`.
+    """
+    told = tuple(warnings)
+    wanted = GUESSES - ({"guessed_marks"} if UNSEEN & {one.code for one in told} else set())
+    notes = map(Remark, map(str, facts.get("note_codes", ())), map(str, facts.get("notes", ())))
+    return (*told, *(note for note in notes if note.code in wanted))

@@ -35,6 +35,7 @@ from brafit.pattern import (
     write_patterns,
 )
 from brafit.pattern.writers import OTHER_FILES, WRITERS
+from brafit.remarks import on_paper
 from brafit.report import cup_writers
 from brafit.report.dimensions import Dimension, dimensions, survey_of
 from brafit.report.mesh import PanelMesh, mesh_view, panel_meshes
@@ -112,13 +113,14 @@ class Result:
             side=self.side,
             date=date.today().isoformat(),
             figures=self.fit.figures,
-            fit_warnings=self.fit.warnings,
+            fit_warnings=on_paper(self.fit.warnings, self.facts),
         )
 
     def patterns(self) -> Pattern:
         """The flat pieces, finished: sewing and cut lines, notches, grain lines, labels, warnings; mm.
 
-        Its `warnings` are of the pieces, `fit_warnings` those of the fit; files show both.
+        Its `warnings` are of the pieces, `fit_warnings` those of the fit and its marks that were guessed; files show
+        both.
         """
         return self._pattern
 

@@ -7,7 +7,7 @@ import re
 from importlib import import_module
 from pathlib import Path
 
-from brafit.remarks import Remark
+from brafit.remarks import Remark, on_paper
 from brafit.run.likeness import BOUNDS, code_of
 
 ROOT = Path(__file__).parents[1]
@@ -44,3 +44,12 @@ def test_every_code_is_documented_and_every_documented_code_is_given():
 def test_a_remark_reads_as_a_line():
     assert str(Remark("code", "it is so")) == "it is so"
     assert str(Remark("code", "it is so", "a.ply", "mend it")) == "a.ply: it is so; mend it"
+
+
+def test_whoever_cuts_is_told_of_marks_that_were_guessed():
+    notes = {"noisy": "its points scatter", "guessed_marks": "wire detected", "bust_point_guessed": "none is marked"}
+    facts = {"note_codes": list(notes), "notes": list(notes.values())}
+    own, unseen = Remark("far_points", "points are far"), Remark("unseen_landmarks", "nobody has looked")
+    assert list(map(str, on_paper([own], facts))) == ["points are far", "wire detected", "none is marked"]
+    assert list(map(str, on_paper([unseen], facts))) == ["nobody has looked", "none is marked"]
+    assert on_paper([], {}) == ()

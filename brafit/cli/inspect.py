@@ -1,6 +1,6 @@
 """The command `brafit-inspect`: looks at scans before they are fitted, proposes what is missing, draws what it found.
 
-For each scan a PNG with landmarks, wire, upper line, what is cut out and what was removed, and a landmark file to be
+For each scan a PNG with landmarks, wire, neckline, what is cut out and what was removed, and a landmark file to be
 corrected by hand.
 """
 
@@ -36,7 +36,7 @@ _TAKEN = {
     "outliers": "outliers",
     "off_surface": "floating",
     "islands": "in small parts",
-    "outside": "outside of wire and upper line",
+    "outside": "outside of wire and neckline",
     "thinned": "merged with others",
 }
 """What each step of the cleaning says of the points that it took."""
@@ -173,7 +173,7 @@ def _facts(scan: Scan, cloud: Cloud) -> list[str]:
     guessed = "" if origin.wire_guessed is None else f", {100 * origin.wire_guessed:.0f} % of it guessed"
     length = polyline_length(scan.wire)
     return [
-        f"landmarks {origin.marks}, wire {origin.wire}{guessed} ({length:.0f} mm), upper line {origin.neckline}",
+        f"landmarks {origin.marks}, wire {origin.wire}{guessed} ({length:.0f} mm), neckline {origin.neckline}",
         f"nearest wire sold {nearest_wire(scan.wire)}",
         f"unit {scan.units.cloud}{f' (found from {scan.units.found})' if scan.units.found else ''}",
         f"points: {_counts(scan.cleaning, cloud)}",

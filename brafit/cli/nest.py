@@ -35,6 +35,7 @@ def _run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from brafit.run.folder import make_writable
+    from brafit.run.store import refuse_taken
     from brafit.sizing.cloth import check_thickness, cloth_notes
     from brafit.sizing.drawing import write_nest
     from brafit.sizing.nest import nested
@@ -42,6 +43,7 @@ def _run(options: argparse.Namespace) -> int:
     from brafit.sizing.units import cup_words, unit_of
 
     folders = fit_folders(options.results)
+    refuse_taken(options.out)
     make_writable(options.out)
     refused: list[BrafitError] = []
 

@@ -51,6 +51,7 @@ def _run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from brafit.run.folder import make_writable
+    from brafit.run.store import SIZES, refuse_taken
     from brafit.sizing.cloth import check_thickness, cloth_notes
     from brafit.sizing.stored import fit_folders, read_fits, surfaces_of
     from brafit.sizing.units import unit_of
@@ -58,6 +59,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.sizes < 1:
         raise ConfigError(f"--sizes {options.sizes}: must be 1 or more")
     folders = fit_folders(options.results)
+    refuse_taken(options.out, SIZES)
     make_writable(options.out)
     refused: list[BrafitError] = []
 
@@ -79,7 +81,7 @@ def _run(options: argparse.Namespace) -> int:
     unit, told = unit_of(fits, options.units)
     notes += [*told, *cloth_notes(fits)]
     print("\n".join([*notes, *_written(options, fits, surfaces, unit, notes)]))
-    return SOME_FAILED if refused else ALL_OK
+    return SOME_FAILED if refused or failed else ALL_OK
 
 
 def _written(
@@ -111,11 +113,14 @@ def _written(
     nest = nested(patterns, options.align, about)
     _draw(options, title, nest, shapes, sizes, found)
     write_tables(options.out, sizes, member_rows(found, fits, gap), graded, found)
-    warnings = [f"warning: {words}" for words in nest.unlike]
-    warnings += [f"warning: {words}" for words in far_wires(found, fits)]
-    warnings += [f"warning: size {words}" for words in warnings_of(patterns)]
-    write_page(options.out, title, sizes, graded, found, [*notes, *warnings])
-    return [*warnings, *_summary(found, sizes, about), f"Results: {shown(str(options.out / 'index.html'))}"]
+    several = "size " * (len(patterns) > 1)  # else warnings do not begin with the size's name
+    warnings = [*nest.unlike, *far_wires(found, fits), *(f"{several}{words}" for words in warnings_of(patterns))]
+    write_page(options.out, title, sizes, graded, found, notes, warnings)
+    return [
+        *(f"warning: {words}" for words in warnings),
+        *_summary(found, sizes, about),
+        f"Results: {shown(str(options.out / 'index.html'))}",
+    ]
 
 
 def _found(

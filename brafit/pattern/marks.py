@@ -21,9 +21,9 @@ def marks_on(
 ) -> list[CupMark]:
     """Marks of the apex and the strap point on a fitted cup (no batch dimension, cup frame, mm).
 
-    The apex marks its foot on the cup, the bust point; and the place of the nearest ridge that is nearest to it, where
-    the tip of the sewn cup falls, so that both pieces sewn there bear a match point. Where that is the bust point
-    itself, there is but one mark. The strap point marks the upper edge.
+    The apex marks its foot on the cup, the bust point; and the place of the nearest ridge that is nearest to it, so
+    that both pieces sewn there bear a match point, which may be far from the tip of the cup. Where that is the bust
+    point itself, there is but one mark. The strap point marks the upper edge.
 
     Args:
         shape: the cup.

@@ -180,7 +180,7 @@ def _rows(pieces: Sequence[CutPiece], options: PatternOptions) -> list[tuple[Cal
         rows.append((lambda y: hole_mark(Hole("", np.array((10.0, y)))), f"{BUST_POINT}: drill hole"))
     for name, words in (
         (BUST_POINT, f"{BUST_POINT}, on the seam"),
-        (MATCH_POINT, f"{MATCH_POINT}: tip of the cup"),
+        (MATCH_POINT, f"{MATCH_POINT}: where the seam is nearest to the {BUST_POINT}"),
         ("strap point", "strap point"),
         ("wire end", "wire end: the channel goes on"),
     ):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from html import escape
 from importlib import resources
@@ -86,6 +87,12 @@ def head(key: str) -> str:
 def text(words: Any) -> str:
     """Words as they stand in a page; nothing for None."""
     return escape(str("" if words is None else words))
+
+
+def warned(warnings: Sequence[str]) -> str:
+    """Warnings as a box that is not overlooked; nothing without any."""
+    lines = "".join(f"<li>{text(words)}</li>" for words in warnings)
+    return f'<div class="warnings"><b>Warnings</b><ul>{lines}</ul></div>' if lines else ""
 
 
 def link(file: str) -> str:

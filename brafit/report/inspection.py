@@ -26,7 +26,9 @@ _MARKS = {"apex": "*", "strap_point": "D", "inner_end": "<", "outer_end": ">"}
 """Signs of the landmarks, which the legend names: names beside them would lie over each other."""
 _WAYS = ("down along the chest, mm", "outwards, mm", "out of the chest, mm")
 """The axes of the cup frame, in words."""
-_LINES = {"wire": ("#d1480c", "wire"), "neckline": ("#2e7d32", "upper line")}
+_LINES = {"wire": ("#d1480c", "wire"), "neckline": ("#2e7d32", "neckline")}
+_CALLED = {"apex": "bust point"}
+"""Landmarks that people call otherwise than landmark files do."""
 
 
 def inspection_figure(
@@ -97,7 +99,7 @@ def _view(
         colour, label = _LINES[name]
         axes.plot(line[:, i], line[:, j], color=colour, linewidth=1.8, label=_said(label, origins.get(name)))
     for name, mark in marks.items():
-        label = _said(name.replace("_", " "), origins.get(name))
+        label = _said(_CALLED.get(name, name.replace("_", " ")), origins.get(name))
         sign, size = _MARKS.get(name, "o"), 12 if name == "apex" else 8
         axes.plot(mark[i], mark[j], sign, markersize=size, color="#ffffff", markeredgecolor="#111111", label=label)
     axes.set_aspect("equal")

@@ -23,7 +23,7 @@ from brafit.pattern.piece import Piece, Side
 from brafit.report.band import band_svg, magnification
 from brafit.report.colour import DIVERGING, PANELS, STEPS, distance_colours
 from brafit.report.dimensions import DEPTH, Dimension, measured_on
-from brafit.report.html import MEANINGS, asset, figure, fixed, link, number, page, text
+from brafit.report.html import MEANINGS, asset, figure, fixed, link, number, page, text, warned
 from brafit.report.paper import PaperPanel
 
 DOTS = 6000
@@ -145,10 +145,7 @@ def _facts(row: Mapping[str, Any], dimensions: Sequence[Dimension], pattern: Pat
 
 
 def _warnings(warnings: Sequence[str]) -> str:
-    if not warnings:
-        return '<p class="fine">All checks of fit and pieces passed.</p>'
-    lines = "".join(f"<li>{text(words)}</li>" for words in warnings)
-    return f'<div class="warnings"><b>Warnings</b><ul>{lines}</ul></div>'
+    return warned(warnings) or '<p class="fine">All checks of fit and pieces passed.</p>'
 
 
 def _stage(gap: float) -> str:

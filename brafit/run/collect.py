@@ -12,9 +12,9 @@ from brafit.naming import shown, told_apart
 from brafit.report.index import write_index
 from brafit.report.table import SUMMARY_KEYS, write_parquet, write_summary, write_table
 from brafit.run.job import Done
-from brafit.run.store import done_of, scan_folders, without_scans
+from brafit.run.store import TABLE, done_of, refuse_taken, scan_folders, without_scans
 
-FILES = ("summary.csv", "summary.parquet", "index.html")
+FILES = (TABLE, "summary.parquet", "index.html")
 """What is written."""
 RUN = "run"
 """The first column of a table over several folders: the name of the one that the scan's results lie in."""
@@ -23,9 +23,9 @@ RUN = "run"
 def collect(folders: Sequence[str | Path], out: str | Path | None = None) -> list[Done]:
     """Write summary.csv, summary.parquet and index.html over all scans in the folders of runs.
 
-    Scans come in the order of the dataset, which their fit.json tells. The table of one folder is the one that a run
-    writes; that of several tells in its first column which folder each scan is of, and scans of the same name are all
-    taken.
+    The table of one folder is the one that a run writes, in the order of the dataset, which each fit.json tells. That
+    of several tells in its first column which folder each scan is of; scans of the same name are all taken, and stand
+    together, in the order of the folders.
 
     Args:
         folders: folders of runs; one named twice counts once.
@@ -41,7 +41,10 @@ def collect(folders: Sequence[str | Path], out: str | Path | None = None) -> lis
     runs = list({Path(folder).resolve(): Path(folder) for folder in folders}.values())
     found = [scan for run in runs for scan in _scans(run)]
     target = _target(runs, out)
-    found.sort(key=lambda scan: (scan[1].position, scan[1].name))
+    if len(runs) == 1:
+        found.sort(key=lambda scan: (scan[1].position, scan[1].name))
+    else:  # as a scan has another place in each dataset; the sort keeps the order of the runs
+        found.sort(key=lambda scan: scan[1].name)
     places = [Path(os.path.relpath(path, target)).as_posix() for path, _ in found]
     if len(runs) == 1:
         told = [done for _, done in found]
@@ -73,8 +76,8 @@ def _target(runs: Sequence[Path], out: str | Path | None) -> Path:
         raise ConfigError(f"a table of {len(runs)} folders is no run's own: say where it goes, with --out DIR")
     target = Path(out or runs[0])
     its_own = len(runs) == 1 and target.resolve() == runs[0].resolve()
-    if not its_own and target.is_dir() and ((target / "sweep.csv").exists() or any(scan_folders(target))):
-        raise ConfigError(f"--out {target}: a run or sweep has its own table there, which would be lost; name another")
+    if not its_own:
+        refuse_taken(target, TABLE)
     return target
 
 

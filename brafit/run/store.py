@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from brafit import __version__
-from brafit.errors import InputError
+from brafit.errors import ConfigError, InputError
 from brafit.report.table import SUMMARY_KEYS
 from brafit.run.dataset import ScanRef
 from brafit.run.job import Done, Overview, common_cause
@@ -21,6 +21,12 @@ IRRELEVANT = frozenset(
 """Settings that say nothing about what comes out for a scan."""
 SHOWN = 3
 """Folders that an error names."""
+TABLE = "summary.csv"
+"""The table of a run, or of what was collected of several."""
+SIZES = "sizes.csv"
+"""The table that brafit-sizes writes."""
+_OWNERS = {"fit.json": "a scan", TABLE: "a run or brafit-collect", "sweep.csv": "a sweep", SIZES: "brafit-sizes"}
+"""Of a file that tells whose folder it lies in: whose."""
 
 
 def relevant(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -173,14 +179,34 @@ def scan_folders(out: Path, without: Collection[str] = ()) -> Iterator[tuple[Pat
             yield folder, content
 
 
+def refuse_taken(out: Path, own: str = "") -> None:
+    """Let results be written only where no others lie that have files of the same names.
+
+    Args:
+        out: where they are wanted.
+        own: the file of earlier results of the same kind, which may be written anew.
+
+    Raises:
+        ConfigError: a run, a sweep, a scan or another command has its results there.
+    """
+    if not out.is_dir():
+        return
+    owner = next((words for file, words in _OWNERS.items() if file != own and (out / file).exists()), "")
+    if not owner and any(scan_folders(out)):
+        owner = "a run"
+    if owner:
+        raise ConfigError(f"--out {out}: {owner} has its own files there, which would be lost; name another folder")
+
+
 def without_scans(folder: Path) -> InputError:
     """What to say of a folder that was named as that of a run, and has no scan's results in it."""
     if read_fit(folder) is not None:
         return InputError(folder, "it is the folder of one scan", "Name the folder of the run, in which it lies")
     if runs := sorted({file.parent.parent for file in folder.glob("*/*/fit.json")}):
-        named = ", ".join(str(run) for run in runs[:SHOWN]) + ", ..." * (len(runs) > SHOWN)
+        more = f" and {len(runs) - SHOWN} more" * (len(runs) > SHOWN)
+        named = ", ".join(str(run) for run in runs[:SHOWN]) + more
         return InputError(folder, "it is no run's own folder: runs lie in folders of it", f"Name those: {named}")
-    if (folder / "summary.csv").exists():
+    if (folder / TABLE).exists():
         cause = "it has a table, but no fit.json of any scan, of which tables are made"
         return InputError(folder, cause, "Name the folders of the runs whose scans the table is of")
     return InputError(folder, "it holds no fit.json of any scan", "Name the folder of a run: the one of summary.csv")

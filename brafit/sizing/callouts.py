@@ -1,4 +1,4 @@
-"""Names of the marks of pieces that lie on one another: each once, with a line to the mark of every piece."""
+"""Names on pieces that lie on one another: of marks, each once with a line to the mark of every piece, and of sizes."""
 
 from __future__ import annotations
 
@@ -20,6 +20,11 @@ HEIGHT = 3.0
 """Of the letters, mm."""
 _STEP, _CLEAR = 2.5, 1.0
 """Distance of the places that are tried, and what a text keeps from lines and other texts; mm."""
+
+_SHARES, _DEPTHS = np.linspace(0.05, 0.95, 37), np.array((3.0, 6.5, 10.0))
+"""Where along the upper edge a size's name is tried, in shares of its length, and how far inside of it (mm)."""
+_ON_ARROW, _ON_LINE, _AWAY = 30.0, 3.0, 0.2
+"""How bad it is that a name lies on a grain line's arrow, on another line, or a mm from where it would be best."""
 
 
 @dataclass(frozen=True)
@@ -81,3 +86,39 @@ def _lines(piece: CutPiece) -> list[LineString]:
     """All that is drawn of a piece but its texts."""
     strokes = [item for item in drawn(piece, "") if isinstance(item, Stroke) and item.role != "leader"]
     return [LineString(curve.polyline(0.1)) for stroke in strokes for path in stroke.paths for curve in path]
+
+
+def size_names_on(pieces: Sequence[CutPiece], names: Sequence[str], title: Words) -> list[Words]:
+    """The sizes' names inside the upper edges of their pieces: clear of each other, of arrows and of lines, as far as
+    there is room, each near another place of the edge.
+
+    Args:
+        pieces: in place, mm, each of another size.
+        names: of the sizes.
+        title: what stands there already, the name of the pieces.
+    """
+    strokes = [item for piece in pieces for item in drawn(piece, "") if isinstance(item, Stroke)]
+    drawn_lines = [
+        (LineString(curve.polyline(0.1)), _ON_ARROW if item.layer == "grain" else _ON_LINE)
+        for item in strokes
+        if item.role != "leader"
+        for path in item.paths
+        for curve in path
+    ]
+    tree, costs = STRtree([line for line, _ in drawn_lines]), np.array([cost for _, cost in drawn_lines])
+    taken, found = [Polygon(title.corners)], []
+    for k, (piece, name) in enumerate(zip(pieces, names, strict=True)):
+        upper = piece.sew[-1].curve
+        middles, along = upper.trace(upper.places(_SHARES * upper.length))
+        inward = np.stack((-along[:, 1], along[:, 0]), axis=-1) * (-1 if piece.side == "right" else 1)
+        at = (middles[:, None] + _DEPTHS[:, None] * inward[:, None]).reshape(-1, 2)
+        boxes = polygons(box_corners(at, LEVEL[None], text_width(name, HEIGHT), HEIGHT))
+        overlaps = (shapely.distance(boxes[:, None], np.array(taken)) < _CLEAR / 2).sum(axis=1)
+        box, line = tree.query(boxes, predicate="intersects")
+        best = 0.1 + 0.8 * (k + 0.5) / len(pieces)
+        away = np.abs(_SHARES - best)[:, None] * upper.length + _DEPTHS
+        cost = _AWAY * away.ravel() + np.bincount(box, costs[line], len(at))
+        chosen = int(np.lexsort((cost, overlaps))[0])
+        taken.append(boxes[chosen])
+        found.append(Words(name, at[chosen], HEIGHT))
+    return found

@@ -19,12 +19,25 @@ from brafit.pattern.label import text_width
 from brafit.pattern.lettering import LEAST, one_line, shortened, text
 from brafit.pattern.options import UNITS
 from brafit.pattern.pdf import write_pages
-from brafit.pattern.sheet import CONTROL, GAP, MARGIN, ROOM, control_square, heading, legend, told_below, warned_lines
+from brafit.pattern.sheet import (
+    CONTROL,
+    GAP,
+    MARGIN,
+    ROOM,
+    TEXT,
+    control_square,
+    heading,
+    legend,
+    told_below,
+    warned_lines,
+)
 from brafit.pattern.svg import page_svg
 from brafit.sizing.nest import Layer, Nest
 
 LINE = 6.0
 """Height of a line of the list of sizes, mm."""
+LIST, KEY = 150.0, 22.0
+"""Width that the list of sizes takes at most of its own accord, and that of its lines' colours, mm."""
 TOLERANCE = 0.01
 """How far (mm) DXF's polylines may lie from the curves."""
 FILES = ("patterns.svg", "patterns.dxf", "patterns.pdf")
@@ -57,7 +70,8 @@ def nest_page(nest: Nest, title: str, note: str = "") -> Page:
         note: a second line.
     """
     key, height = legend(nest.patterns, np.zeros(2))
-    room = max(nest.width, CONTROL + 2 * GAP + 2 * ROOM)
+    left = CONTROL + GAP + ROOM + GAP
+    room = max(nest.width, left + np.clip(_list_width(nest.layers), ROOM, LIST))
     told, told_height = told_below(nest.warnings, room)
     foot = max(CONTROL, height, LINE * len(nest.layers)) + told_height
     width, top = room + 2 * MARGIN, MARGIN + foot
@@ -66,24 +80,43 @@ def nest_page(nest: Nest, title: str, note: str = "") -> Page:
     items = shifted([*(item for layer in nest.layers for item in layer.items), *nest.names], low)
     items += heading(title, note, MARGIN, tall - MARGIN, room)
     items += control_square(MARGIN, top - CONTROL, nest.patterns[0].options)
-    left = MARGIN + CONTROL + GAP
-    items += shifted((replace(item, colour=BLACK) for item in key), (left, top))
-    items += _sizes(nest.layers, left + ROOM + GAP, top)
+    items += shifted((replace(item, colour=BLACK) for item in key), (MARGIN + CONTROL + GAP, top))
+    items += _sizes(nest.layers, MARGIN + left, top, room - left - KEY)
     items += shifted(told, (MARGIN, MARGIN))
     return Page(width, tall, tuple(items))
 
 
-def _sizes(layers: Sequence[Layer], x: float, top: float) -> list[Item]:
+def _list_width(layers: Sequence[Layer]) -> float:
+    """What the list of sizes needs, so that none is shortened or set smaller, mm."""
+    return KEY + max(text_width(f"{one_line(layer.name)}{_about(layer)}", TEXT) for layer in layers)
+
+
+def _about(layer: Layer) -> str:
+    return f": {layer.about}" * bool(layer.about)
+
+
+def listed_names(layers: Sequence[Layer], room: float) -> list[str]:
+    """The sizes' names, shortened where they and what is said of them are wider than `room` mm; no two are alike."""
+    names = []
+    for layer in layers:
+        whole, left = one_line(layer.name), room - text_width(_about(layer), LEAST)
+        name, count = shortened(whole, LEAST, left), 1
+        while name in names:
+            count += 1
+            told = f" ({count})"
+            name = shortened(whole, LEAST, left - text_width(told, LEAST)) + told
+        names.append(name)
+    return names
+
+
+def _sizes(layers: Sequence[Layer], x: float, top: float, room: float) -> list[Item]:
     """The sizes' names and what tells their cups apart, each after a line of its colour."""
     items: list[Item] = []
-    for row, layer in enumerate(layers):
+    for row, (layer, name) in enumerate(zip(layers, listed_names(layers, room), strict=True)):
         y = top - 2.0 - LINE * row
         line = line_of(((x, y), (x + 18, y)))
         items.append(Stroke(INFO, "cut", "key size", (line,), colour=layer.colour, group="sizes"))
-        room = ROOM - 22
-        about = f": {layer.about}" * bool(layer.about)
-        name = shortened(one_line(layer.name), LEAST, room - text_width(about, LEAST))
-        items.append(replace(text(f"{name}{about}", x + 22, y, 3.4, room=room), group="sizes"))
+        items.append(replace(text(f"{name}{_about(layer)}", x + KEY, y, TEXT, room=room), group="sizes"))
     return items
 
 

@@ -19,7 +19,7 @@ from brafit.pattern.drawing import INFO, Item, Stroke, Words, drawn, line_of
 from brafit.pattern.finish import warnings_of
 from brafit.pattern.label import text_width
 from brafit.pattern.marks import BUST_POINT, MATCH_POINT
-from brafit.sizing.callouts import callouts
+from brafit.sizing.callouts import callouts, size_names_on
 
 Align = Literal["apex", "wire", "none"]
 ALIGNS: tuple[Align, ...] = ("apex", "wire", "none")
@@ -27,7 +27,10 @@ GAP, NAME = 12.0, 4.0
 """Between pieces that lie side by side, and height of the letters of their names, mm."""
 HUES = 24
 """Colours that are told apart; DXF's wheel of colours has so many hues."""
-_DARK = 0.74
+FEW = 4
+"""So many sizes are told apart by hue alone; of more every other one is darker."""
+_VALUES = (0.74, 0.41)
+"""How light the colours are, of 1: those of DXF's wheel with an index that ends in 2 and in 6."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class Layer:
     Attributes:
         name: of the size.
         hue: number of its colour, 0 to HUES - 1.
+        shade: 0, or 1 where the colour is a darker one.
         items: its lines, piece by piece (`group`), and its name on each; the pieces' own texts only where pieces lie
             side by side, for otherwise they would lie on one another and have lines to the names of the marks instead.
             All are of the series `name`.
@@ -47,16 +51,17 @@ class Layer:
     hue: int
     items: tuple[Item, ...]
     about: str = ""
+    shade: int = 0
 
     @property
     def colour(self) -> str:
         """RGB, such as `#bd0000`."""
-        return _colour(self.hue)
+        return _colour(self.hue, self.shade)
 
     @property
     def colour_index(self) -> int:
         """The colour of DXF that comes nearest."""
-        return 12 + 10 * self.hue
+        return 12 + 10 * self.hue + 4 * self.shade
 
 
 @dataclass(frozen=True)
@@ -122,31 +127,40 @@ def nested(patterns: Sequence[Pattern], align: Align = "apex", about: Sequence[s
     if align == "none":
         sheet = layout_columns([[_Placed(((k, piece),)) for piece in pieces] for k, pieces in enumerate(whole)], GAP)
     else:
-        stacks: dict[str, list[tuple[int, CutPiece]]] = {}
-        for k, pieces in enumerate(whole):
-            for piece in pieces:
-                at = anchor(piece, align)
-                name = f"{piece.name} {piece.side}"
-                stacks.setdefault(name, []).append((k, piece.map(lambda points, at=at: points - at)))
-        sheet = layout([_Placed(tuple(stack)) for stack in stacks.values()], GAP)
+        sheet = layout(_stacks(patterns, align), GAP)
     placed = [entry for stack in sheet.pieces for entry in stack.pieces]
     named = [] if align == "none" else [_named_stack(stack, patterns, several) for stack in sheet.pieces]
-    leaders = [line for _, _, lines in named for line in lines]
+    own_names = [words for one in named for words in one.sizes]
+    leaders = [line for one in named for line in one.leaders]
     layers = []
     for k, pattern in enumerate(patterns):
-        hue, items = _hue(k, len(patterns)), []
-        for piece in (piece for owner, piece in placed if owner == k):
+        hue, shade = _hue(k, len(patterns)), k % 2 * (len(patterns) > FEW)
+        items: list[Item] = []
+        for place, piece in ((place, piece) for place, (owner, piece) in enumerate(placed) if owner == k):
             if align == "none":
                 items += drawn(piece, _named(piece, several))
             else:
-                items += [*_lines(piece, several), _size(piece, pattern.size, k, len(patterns))]
+                items += [*_lines(piece, several), own_names[place]]
         items += [line for owner, line in leaders if owner == k]
-        own = {"series": pattern.size, "colour": _colour(hue)}
+        own = {"series": pattern.size, "colour": _colour(hue, shade)}
         told = about[k] if about else ""
-        layers.append(Layer(pattern.size, hue, tuple(replace(item, **own) for item in items), told))
-    names = (*(name for name, _, _ in named), *(mark for _, marks, _ in named for mark in marks))
+        layers.append(Layer(pattern.size, hue, tuple(replace(item, **own) for item in items), told, shade))
+    names = (*(one.name for one in named), *(mark for one in named for mark in one.marks))
     unlike = () if align == "none" else tuple(_unlike(patterns))
     return Nest(tuple(layers), sheet.width, sheet.height, tuple(patterns), names, unlike)
+
+
+def _stacks(patterns: Sequence[Pattern], align: Align) -> list[_Placed]:
+    """Pieces of one name and side on one another, from the wire up: of cups of different numbers of panels too."""
+    stacks: dict[str, list[tuple[int, CutPiece]]] = {}
+    heights: dict[str, tuple[int, float]] = {}
+    for k, pattern in enumerate(patterns):
+        for side, column in enumerate(pattern.drawn):
+            for row, piece in enumerate(column):
+                at, name = anchor(piece, align), f"{piece.name} {piece.side}"
+                stacks.setdefault(name, []).append((k, piece.map(lambda points, at=at: points - at)))
+                heights.setdefault(name, (side, row / max(len(column) - 1, 1)))
+    return [_Placed(tuple(stacks[name])) for name in sorted(stacks, key=heights.__getitem__)]
 
 
 def _unlike(patterns: Sequence[Pattern]) -> list[str]:
@@ -176,8 +190,8 @@ def _hue(k: int, count: int) -> int:
     return k * HUES // count if count <= HUES else k % HUES
 
 
-def _colour(hue: int) -> str:
-    return "#" + "".join(f"{round(255 * v):02x}" for v in colorsys.hsv_to_rgb(hue / HUES, 1.0, _DARK))
+def _colour(hue: int, shade: int) -> str:
+    return "#" + "".join(f"{round(255 * v):02x}" for v in colorsys.hsv_to_rgb(hue / HUES, 1.0, _VALUES[shade]))
 
 
 def _lines(piece: CutPiece, several: bool) -> list[Item]:
@@ -199,26 +213,30 @@ def _stack_name(stack: _Placed, several: bool) -> Words:
     return min(words, key=lambda own: cloth.intersection(Polygon(own.corners).buffer(1.0)).area)
 
 
-def _named_stack(
-    stack: _Placed, patterns: Sequence[Pattern], several: bool
-) -> tuple[Words, list[Words], list[tuple[int, Stroke]]]:
-    """The name of pieces that lie on one another, the names of their marks, and the lines from these to the marks, each
-    with the number of its pattern."""
+@dataclass(frozen=True)
+class _Texts:
+    """What is written about pieces that lie on one another.
+
+    Attributes:
+        name: of the pieces.
+        sizes: the name of each piece's size, on the piece.
+        marks: names of their marks.
+        leaders: lines from these to the marks, each with the number of its pattern.
+    """
+
+    name: Words
+    sizes: Sequence[Words]
+    marks: Sequence[Words]
+    leaders: Sequence[tuple[int, Stroke]]
+
+
+def _named_stack(stack: _Placed, patterns: Sequence[Pattern], several: bool) -> _Texts:
     name = _stack_name(stack, several)
-    sizes = [_size(piece, patterns[k].size, k, len(patterns)) for k, piece in stack.pieces]
-    called = callouts([piece for _, piece in stack.pieces], [name, *sizes])
+    pieces = [piece for _, piece in stack.pieces]
+    sizes = size_names_on(pieces, [patterns[k].size for k, _ in stack.pieces], name)
+    called = callouts(pieces, [name, *sizes])
     lines = []
     for k, ends in (leader for callout in called for leader in callout.leaders):
         owner, piece = stack.pieces[k]
         lines.append((owner, Stroke("text", "leader", "leader", (line_of(ends),), group=_named(piece, several))))
-    return name, [callout.words for callout in called], lines
-
-
-def _size(piece: CutPiece, name: str, k: int, count: int) -> Words:
-    """A size's name inside the upper edge of its piece, each at another place of that."""
-    upper = piece.sew[-1].curve
-    at, along = upper.at(upper.length * (0.1 + 0.8 * (k + 0.5) / count))
-    inward = np.array((-along[1], along[0]))
-    if piece.side == "right":
-        inward = -inward
-    return Words(name, at + 3.0 * inward, 3.0)
+    return _Texts(name, sizes, [callout.words for callout in called], lines)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from brafit.atomic import write_text
-from brafit.report.html import asset, fixed, link, page, text
+from brafit.report.html import asset, fixed, link, page, text, warned
 from brafit.report.table import write_table
 from brafit.sizing.rows import FAR_WORDS
 from brafit.sizing.service import NEAR, Choice, Sizes, Step
@@ -38,6 +38,8 @@ HEADINGS = {
     "members_far_wire": f"wearers with {FAR_WORDS} more or less of wire",
 }
 """Columns of the tables, in words; others are their names."""
+UNITS = {"cm2": "cm²", "in2": "in²"}
+"""Units as people read them, where tables and fit.json spell them otherwise."""
 
 
 def heading(key: str) -> str:
@@ -84,7 +86,13 @@ def curve_row(step: Step) -> dict[str, float]:
 
 
 def write_page(
-    out: Path, title: str, sizes: Sequence[Row], graded: Sequence[Row], found: Sizes, notes: Sequence[str]
+    out: Path,
+    title: str,
+    sizes: Sequence[Row],
+    graded: Sequence[Row],
+    found: Sizes,
+    notes: Sequence[str],
+    warnings: Sequence[str] = (),
 ) -> None:
     """Write index.html: figures, pictures, the table of sizes, finished dimensions and the nest.
 
@@ -95,6 +103,7 @@ def write_page(
         graded: likewise.
         found: likewise.
         notes: what the user should know of the data.
+        warnings: what speaks against using the sizes as they are.
     """
     step = found.steps[len(sizes) - 1]
     facts = [
@@ -106,7 +115,7 @@ def write_page(
         (f"{step.wire_groups.served.mean:.1f} mm", "error, mean, as many groups by wire length"),
     ]
     shown = "".join(f"<div><b>{text(value)}</b><span>{text(words)}</span></div>" for value, words in facts)
-    told = "".join(f"<p>{text(words)}</p>" for words in notes)
+    told = warned(warnings) + "".join(f"<p>{text(words)}</p>" for words in notes)
     files = ["patterns.svg", "patterns.dxf", "patterns.pdf", "sizes.csv", "members.csv", "graded.csv", "curve.csv"]
     links = ", ".join(f'<a href="{link(name)}">{text(name)}</a>' for name in [*files, "sizes.json"])
     sold = found.catalogue.served
@@ -122,12 +131,19 @@ def write_page(
             f"<h2>Sizes</h2>{_table(sizes)}"
             f"<h2>How many sizes</h2>{_picture('served.svg', 'error by number of sizes')}"
             f"<p>{text(catalogue)}</p>{_table([curve_row(step) for step in found.steps])}"
-            f"<h2>Finished dimensions</h2>{_table(graded, 1)}"
+            f"<h2>Finished dimensions</h2>{_table(*_dimensions(graded))}"
             f'<h2>Patterns</h2><p>{links}</p><p><img class="pieces" src="patterns.svg" alt="the nest"></p>'
             f"<script>{asset('table.js')}</script>",
             wide=True,
         ),
     )
+
+
+def _dimensions(graded: Sequence[Row]) -> tuple[Sequence[Row], int]:
+    """Finished dimensions as the page shows them, and with how many decimal places: as many as labels have."""
+    units = {str(row["unit"]) for row in graded}
+    shown = [dict(row) | {"unit": UNITS.get(str(row["unit"]), row["unit"])} for row in graded]
+    return shown, 2 if units & {"in", "in2"} else 1
 
 
 def _picture(file: str, words: str) -> str:

@@ -21,7 +21,7 @@ from brafit.errors import BrafitError, InputError
 from brafit.geometry.development import FlatPanel
 from brafit.naming import on_disk
 from brafit.pattern import Pattern, PatternOptions, finish, marks_on, pieces_from_panels
-from brafit.remarks import Remark
+from brafit.remarks import Remark, on_paper
 from brafit.run.recipe import AUTO, maker_of
 from brafit.run.store import read_fit, without_scans
 from brafit.settings.entries import made
@@ -49,7 +49,7 @@ class StoredFit:
         wire_name: the nearest wire sold; empty where none is known.
         marks: `bust_point` and `strap_point` in the cup frame, mm, as far as they are known.
         dimensions: part, name, value, unit, standard deviation.
-        warnings: of the scan and of the fit.
+        warnings: of the scan and of the fit, and what was guessed of its marks.
     """
 
     folder: Path
@@ -138,7 +138,7 @@ def _read(folder: Path, content: Mapping[str, Any]) -> StoredFit:
 def _warnings(content: Mapping[str, Any]) -> tuple[Remark, ...]:
     """Those of a fit, each with its remedy and what it is about in its text."""
     codes, words = (map(str, content.get(key, ())) for key in ("warning_codes", "warnings"))
-    return tuple(map(Remark, codes, words))
+    return on_paper(map(Remark, codes, words), content)
 
 
 def _own_panels(cup: dict[str, Any], content: Mapping[str, Any]) -> dict[str, Any]:

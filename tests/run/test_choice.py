@@ -192,6 +192,7 @@ def test_an_unmarked_bust_point_is_the_scans_farthest_point_and_is_said_so(scans
         assert found.figures["seam_to_apex_mm"] == pytest.approx(away, abs=0.1)
         assert away > 1
         assert "bust_point_guessed" in result.facts["note_codes"]
+        assert "bust_point_guessed" in [told.code for told in result.patterns().fit_warnings]
         assert str(found.notes[0]).endswith("; mark it (landmarks.apex) where that is another")
 
 

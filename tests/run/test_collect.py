@@ -47,7 +47,22 @@ def test_rows_of_several_runs_say_which_they_are_of(runs: tuple[Path, Path], tmp
     assert 'href="../other/anna/report.html"' in page
 
 
-@pytest.mark.parametrize("out", [None, "one", "other", "sweep"])
+def test_rows_of_one_scan_stand_together(tmp_path: Path):
+    """Where it has another place in each run's dataset too."""
+    for run, names in (("one", ("anna", "berta")), ("other", ("berta", "anna"))):
+        for place, name in enumerate(names):
+            write_fit(tmp_path / run / name, *made_cup(60.0, 1.0), position=place)
+    runs = tmp_path / "one", tmp_path / "other"
+    assert [done.name for done in collect([runs[1]])] == ["berta", "anna"]
+    assert [done.name for done in collect(runs, tmp_path / "all")] == [
+        "one/anna",
+        "other/anna",
+        "one/berta",
+        "other/berta",
+    ]
+
+
+@pytest.mark.parametrize("out", [None, "one", "one/anna", "other", "sweep"])
 def test_no_run_loses_its_table_to_rows_of_another(runs: tuple[Path, Path], tmp_path: Path, out: str | None):
     (tmp_path / "sweep").mkdir()
     (tmp_path / "sweep" / "sweep.csv").touch()
@@ -72,6 +87,13 @@ def test_what_is_no_run_is_told_with_what_to_name_instead(runs: tuple[Path, Path
     ):
         with pytest.raises(InputError, match=words):
             collect([folder])
+
+
+def test_of_many_runs_some_are_named_and_the_others_counted(tmp_path: Path):
+    for k in range(5):
+        write_fit(tmp_path / f"run_{k}" / "anna", *made_cup(60.0, 1.0))
+    with pytest.raises(InputError, match=r"run_0, \S*run_1, \S*run_2 and 2 more\.$"):
+        collect([tmp_path])
 
 
 def test_the_command_says_which_files_it_wrote(

@@ -116,6 +116,32 @@ def test_what_cannot_be_used_is_said_in_a_line_and_the_rest_goes_on(population, 
     assert sum(name.endswith("_SEW") for name in layers) == 11
 
 
+def test_a_scan_that_failed_is_told_by_the_exit_status(population, tmp_path: Path):
+    results = tmp_path / "results"
+    shutil.copytree(population[0], results)
+    file = min(results.iterdir()) / "fit.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"status": "failed", "reason": "x"}))
+    assert run(sizes, results, "--sizes", 3, "--out", tmp_path / "out") == 1
+    assert run(nest, results, "--out", tmp_path / "nest") == 1
+
+
+@pytest.mark.parametrize("out", ["run", "run/anna", "collected", "sweep", "other"])
+@pytest.mark.parametrize("command", [sizes, nest])
+def test_no_results_of_others_are_written_over(command, tmp_path: Path, capsys, out: str):
+    write_fit(tmp_path / "run" / "anna", *made_cup(60.0, 1.0))
+    for file in ("collected/summary.csv", "sweep/sweep.csv", "other/sizes.csv"):
+        (tmp_path / file).parent.mkdir()
+        (tmp_path / file).touch()
+    before = sorted(tmp_path.rglob("*"))
+    words = [tmp_path / "run", "--out", tmp_path / out, *(["--sizes", 1] if command is sizes else [])]
+    if (command, out) == (sizes, "other"):  # of an earlier time
+        assert run(command, *words) == 0
+        return
+    assert run(command, *words) == 2
+    assert f"--out {tmp_path / out}: " in capsys.readouterr().err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 def for_cloth(folder: Path, **cloth: float) -> None:
     """A scan's folder as if its fit had been made for other cloth."""
     content = json.loads((folder / "fit.json").read_text())
@@ -238,7 +264,8 @@ def test_whose_size_has_a_wire_that_is_not_hers_is_told(tmp_path: Path, capsys):
     assert row["members_far_wire"] == "1"
     (told,) = (line for line in capsys.readouterr().out.splitlines() if "more than a size" in line)
     assert told.startswith("warning: 1 of 4 wearers get a wire more than a size (15 mm) longer or shorter")
-    assert told in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert f'class="warnings"><b>Warnings</b><ul><li>{told.removeprefix("warning: ")}</li>' in page
     assert run(sizes, tmp_path / "run", "--sizes", 3, "--out", tmp_path / "out") == 0
     assert "more than a size" not in capsys.readouterr().out
 
@@ -273,6 +300,9 @@ def test_finished_dimensions_of_sizes_are_in_the_unit_of_the_fits(tmp_path: Path
     assert run(sizes, tmp_path / "run", "--sizes", 1, "--out", tmp_path / "out") == 0
     found = [(row["unit"], float(row["1"])) for row in table(tmp_path / "out" / "graded.csv")]
     assert found == [("in", 10.0), ("in2", 10.0)]
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert page.count(">10.00</td>") == 2
+    assert ">in²</td>" in page
     assert re.search(r"size 1: one, .*wire 7\.\d\d in", capsys.readouterr().out)
 
 

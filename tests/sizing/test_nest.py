@@ -102,6 +102,37 @@ def test_colours_differ_as_far_as_there_are_any():
     assert len({layer.colour_index for layer in many.layers}) == HUES
 
 
+def test_neighbours_among_many_colours_differ_in_lightness():
+    seven = nested([pattern(panels=1, size=str(k)) for k in range(7)], "none")
+    assert [layer.shade for layer in seven.layers] == [0, 1, 0, 1, 0, 1, 0]
+    assert seven.layers[0].colour == "#bd0000"
+    assert [layer.shade for layer in nested(three()).layers] == [0, 0, 0]
+
+
+def test_names_of_sizes_lie_on_no_other_and_on_no_grain_line():
+    names = [f"anny_0{k}" for k in range(7)]
+    nest = nested([pattern(panels=3, size=name, ease={"width": k, "height": k}) for k, name in enumerate(names)])
+    told = [item for layer in nest.layers for item in layer.items if isinstance(item, Words)]
+    boxes = [Polygon(item.corners) for item in [*told, *nest.names]]
+    assert len(told) == 21
+    assert not any(one.intersects(other) for k, one in enumerate(boxes) for other in boxes[:k])
+    arrows = [
+        LineString(curve.polyline())
+        for layer in nest.layers
+        for item in layer.items
+        if isinstance(item, Stroke) and item.layer == "grain"
+        for path in item.paths
+        for curve in path
+    ]
+    assert not any(box.intersects(arrow) for box in boxes[: len(told)] for arrow in arrows)
+
+
+def test_pieces_lie_from_the_wire_up_though_the_first_cup_has_fewer():
+    nest = nested([pattern(size="two"), pattern(panels=3, size="three")])
+    assert [words.text for words in nest.names[:3]] == ["lower panel", "middle panel", "upper panel"]
+    assert list(strokes_of(nest.layers[1])) == ["lower panel", "middle panel", "upper panel"]
+
+
 def test_svg_has_a_layer_a_size_at_true_size():
     sizes = three()
     title = "a title <&>"
@@ -292,3 +323,16 @@ def test_names_of_any_letters_are_kept_apart(tmp_path: Path):
 def _written(path: Path, data: bytes) -> Path:
     path.write_bytes(data)
     return path
+
+
+def test_names_of_the_list_are_shortened_only_without_room_and_never_to_the_same():
+    about = "wire 182.3 mm, depth of cup 60.1 mm"
+    names = [f"{'a_long_folder_of_runs/' * many}cup.panels={k}/anny_01" for many in (1, 9) for k in (2, 3)]
+    for own in (names[:2], names):
+        patterns = [pattern(size=name) for name in own]
+        nest = nested(patterns, about=[about] * len(own))
+        page = nest_page(nest, "sizes")
+        told = [item for item in page.items if isinstance(item, Words) and item.group == "sizes"]
+        assert len({item.text for item in told}) == len(own)
+        assert [item.text for item in told[:2]] == [f"{name}: {about}" for name in names[:2]]
+        assert all(item.corners[:, 0].max() <= page.width for item in told)
