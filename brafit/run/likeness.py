@@ -186,7 +186,9 @@ def seam_blamed(fit: CupFit, free: CupFit) -> CupFit:
     if not free.code.is_cup:
         return fit
     own, other, anyway = _distances(fit), _distances(free), {one.code for one in free.warnings}
-    blamed = {code for code in own if code not in anyway or own[code] > _MULTIPLIED * other[code]}
+    multiplied = {code for code in own if own[code] > _MULTIPLIED * other[code]}
+    # A share that is large without the seam cannot double: there the root mean square says whose doing it is.
+    blamed = own.keys() if code_of("rms") in multiplied else multiplied | (own.keys() - anyway)
 
     def costs(one: Remark) -> str:
         return f"{_COSTS}{'most of that' if one.code in anyway else 'that'}"
