@@ -116,7 +116,8 @@ def unknown_setting(key: str, known: Known, mark: str = "") -> str:
     found = [f"{parent}.{name}" if parent else name for name in meant] or _elsewhere(tree, last)
     dotted = key.replace("/", ".")
     alike = next((name for name in (dotted, dotted.strip().lower()) if name != key and _exists(tree, name)), None)
-    found = [CALLED.get(dotted.lower()) or alike] if alike or dotted.lower() in CALLED else found
+    alike = CALLED.get(dotted.lower(), alike)
+    found = [alike] if alike else found
     hint = f"did you mean {' or '.join(found)}? " if found else ""
     return f"unknown setting '{mark}{key}'; {hint}allowed{f' in {parent}' if parent else ''}: {', '.join(names)}"
 
