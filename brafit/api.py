@@ -82,7 +82,7 @@ def fit(
 
 
 def layer(
-    scans: Sequence[Scan | str | Path], *, settings: str | Sequence[str] = (), matrix: Kind = "full"
+    scans: Scan | str | Path | Sequence[Scan | str | Path], *, settings: str | Sequence[str] = (), matrix: Kind = "full"
 ) -> tuple[DifferentiableFit, list[Target]]:
     """The fit as a differentiable function, and what it is told of scans.
 
@@ -94,7 +94,7 @@ def layer(
     ```
 
     Args:
-        scans: `Scan`s, or clouds' files with their landmark files beside them.
+        scans: `Scan`s, or clouds' files with their landmark files beside them; one or several.
         settings: as on the command line.
         matrix: of the derivatives, see `brafit.fitting.DifferentiableFit`.
 
@@ -113,7 +113,8 @@ def layer(
     if recipe.tolerance is not None:
         raise ConfigError("cup.panels=auto: derivatives need a number of panels: cup.panels=3")
     made = DifferentiableFit(recipe.cup, recipe.solver, recipe.condition, recipe.restarts, matrix)
-    loaded = [scan if isinstance(scan, Scan) else load_scan(scan, **recipe.scan) for scan in scans]
+    several = [scans] if isinstance(scans, Scan | str | Path) else scans
+    loaded = [scan if isinstance(scan, Scan) else load_scan(scan, **recipe.scan) for scan in several]
     thickness = recipe.pattern.cloth["thickness"]
     return made, [target_of(middle_of(scan, thickness)) for scan in loaded]
 

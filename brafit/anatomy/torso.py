@@ -106,7 +106,10 @@ def proposals(path: Path, points: Float[np.ndarray, "n 3"], mirror: Mirror | Non
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     if size < TORSO_SIZE:
         cause = f"is {size:.0f} mm across, which is no whole torso: landmarks can be proposed on a torso only"
-        raise InputError(path, cause, f"Write {landmarks_path(path).name} by hand, or scan the whole torso")
+        remedy = (
+            f"Mark it by hand with brafit-mark, which makes its {landmarks_path(path).name}, or scan the whole torso"
+        )
+        raise InputError(path, cause, remedy)
     body, trunk = body_and_trunk(points)
     found = _breasts(trunk, body)
     trusted = confidences(body, found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 
@@ -25,5 +26,16 @@ def end_with(name: str, work: Callable[[], int], kept: str) -> None:
         print(f"{name}: interrupted; the {kept} that are finished are kept", file=sys.stderr)
         sys.exit(INTERRUPTED)
     except (BrafitError, OSError) as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        print(f"{name}: {in_options(error)}", file=sys.stderr)
         sys.exit(NOTHING_RAN)
+
+
+def in_options(error: Exception) -> str:
+    """What an error says, with the options that commands without settings have for these: `--units in` for
+    `scan.units=in`.
+    """
+    return re.sub(r"\bscan\.(units|side|wire)\b(?:=(?=\w))?", _option, str(error))
+
+
+def _option(setting: re.Match[str]) -> str:
+    return f"--{setting[1]}{' ' if setting[0].endswith('=') else ''}"

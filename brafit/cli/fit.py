@@ -37,7 +37,7 @@ from brafit.run.folder import is_about_writing, make_writable, why_not
 from brafit.run.job import PRELOAD, REDO
 from brafit.run.recipe import NAMED, recipe_from_settings
 from brafit.run.store import differences, relevant
-from brafit.run.sweep import SweepJob, combinations, gather, parted, read_statuses, write_status
+from brafit.run.sweep import SweepJob, check_scans, combinations, gather, parted, read_statuses, write_status
 from brafit.settings.checks import check, check_launcher, check_one_job
 from brafit.settings.compose import explain, from_settings, help_text, plain_settings, register, searched
 from brafit.settings.entries import locate, made, targets
@@ -80,8 +80,8 @@ class Statuses(Callback):
             swept, fixed = parted(arguments)
             check_launcher(config)
             search = [f"{key}={value}" for key, value in searched(config.hydra).items()]
-            for settings in combinations(swept, fixed):
-                recipe_from_settings(plain_settings(from_settings(settings + search)), {})
+            given = combinations(swept, fixed)
+            check_scans([recipe_from_settings(plain_settings(from_settings(own + search)), {}) for own in given])
             make_writable(Path(config.hydra.sweep.dir))
         excluded = ",".join(key for key in fixed)
         with read_write(config), open_dict(config):

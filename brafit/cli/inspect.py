@@ -17,13 +17,13 @@ import numpy as np
 from brafit.anatomy import proposed_landmarks
 from brafit.anatomy.confidence import warning
 from brafit.atomic import write_text
-from brafit.cli.ending import end_with
+from brafit.cli.ending import end_with, in_options
 from brafit.cli.status import ALL_OK, NOTHING_RAN, SOME_FAILED
 from brafit.cloud import Cloud, read_cloud
 from brafit.errors import BrafitError, InputError
 from brafit.geometry.polyline import polyline_length
 from brafit.landmarks import Landmarks, landmarks_path, landmarks_text, read_breasts
-from brafit.landmarks.units import MILLIMETRES, body_unit
+from brafit.landmarks.units import MILLIMETRES, torso_unit
 from brafit.scan import Scan, find_scans, load_sides, scan_names
 from brafit.surface.cleaning import Cleaning
 from brafit.underwires.nearest import nearest_wire
@@ -60,7 +60,7 @@ def _inspected(options: argparse.Namespace) -> int:
             print(inspect_scan(path, name, options.out, options.side, options.units, options.wire, options.beside))
             done += 1
         except BrafitError as error:
-            print(f"failed: {error}", file=sys.stderr)
+            print(f"failed: {in_options(error)}", file=sys.stderr)
     return ALL_OK if done == len(paths) else SOME_FAILED if done else NOTHING_RAN
 
 
@@ -126,7 +126,7 @@ def _loaded(scans: Sequence[Scan | InputError]) -> list[Scan]:
 
 
 def _proposed(cloud: Cloud, units: str | None) -> list[Landmarks]:
-    unit = units or body_unit(cloud.path, cloud.points)
+    unit = units or cloud.unit or torso_unit(cloud.path, cloud.points)
     factor = MILLIMETRES[unit]
     found = proposed_landmarks(cloud.path, cloud.points * factor)
     return [marks.mapped(lambda points: points / factor, units=unit) for marks in found]

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from brafit.cli.ending import end_with
+from brafit.cli.ending import end_with, in_options
 from brafit.cli.status import ALL_OK, NOTHING_RAN, SOME_FAILED
 from brafit.errors import BrafitError
 from brafit.landmarks.file import SIDES
@@ -53,8 +53,8 @@ def _run(options: argparse.Namespace) -> int:
         try:
             entries.append(write_page(path, name, options.out, options.side, options.units))
         except BrafitError as error:
-            tqdm.write(f"failed: {error}", file=sys.stderr)
-            entries.append(Entry(name, None, "", str(error)))
+            tqdm.write(f"failed: {in_options(error)}", file=sys.stderr)
+            entries.append(Entry(name, None, "", in_options(error)))
     write_index(options.out / INDEX, entries)
     done = sum(entry.file is not None for entry in entries)
     index = shown(str(options.out / INDEX))

@@ -138,7 +138,7 @@ class DifferentiableFit:
 
     def __call__(
         self,
-        scans: Sequence[TensorTarget],
+        scans: Sequence[TensorTarget | Target],
         *,
         shares: Mapping[str, Tensor] | None = None,
         near: FittedCups | None = None,
@@ -146,7 +146,7 @@ class DifferentiableFit:
         """The cups of a batch.
 
         Args:
-            scans: what to fit.
+            scans: what to fit; a `Target` is taken without derivatives by its places.
             shares: what multiplies the conditions' weights, by their names, see `weight_names`: tensors of shape (B,)
                 or (); with 1 a weight is as it is in `condition`.
             near: cups that differ little, such as those of a step before: the optimum is sought from there, with the
@@ -155,6 +155,7 @@ class DifferentiableFit:
         Raises:
             ValueError: a cup with constraints, whose optimum this is not; an unknown weight.
         """
+        scans = [TensorTarget.of(scan) if isinstance(scan, Target) else scan for scan in scans]
         targets = [scan.held() for scan in scans]
         wires = Wire.stack([Wire.from_polyline(t.wire) for t in targets])
         objective, pressure = self._fitted(targets, wires, near)

@@ -17,7 +17,7 @@ from brafit.fitting.fairness import Shares
 from brafit.fitting.missing_hessian import MissingHessian
 from brafit.fitting.normal import Normal, normal_equations
 from brafit.fitting.objective import APEX, Objective, Pressure
-from brafit.fitting.schedule import APART, Ending, Schedule, Tell
+from brafit.fitting.schedule import APART, STILL, Ending, Schedule, Tell
 from brafit.fitting.solver import Callback, Solution
 from brafit.geometry.products import dots, solved_each
 
@@ -99,6 +99,12 @@ class Minimum(Ending):
 
     history: Float[Tensor, "steps batch"]
 
+    def still(self) -> list[bool]:
+        """Of which it is known that their last STILL steps brought nothing."""
+        if len(self.history) <= STILL:
+            return super().still()
+        return (self.history[-1] >= self.history[-1 - STILL]).tolist()
+
 
 class LM:
     """Runs its stages in turn (`brafit.fitting.schedule`).
@@ -122,7 +128,8 @@ class LM:
         """Minimise every problem of the objective from its start."""
         leading = objective.conditions.seam == APEX
         stages = [stage for stage in self.stages if leading or not stage.leading]
-        return Schedule(stages, _minimised, self.margin, self.apart).solve(objective, start, callback)
+        last = max(k for k, stage in enumerate(self.stages) if leading or not stage.leading)
+        return Schedule(stages, _minimised, self.margin, self.apart, last).solve(objective, start, callback)
 
 
 def _minimised(objective: Objective, place: Tensor, pressure: Pressure, stage: LMStage, tell: Tell) -> Ending:

@@ -371,7 +371,7 @@ def _judged(
     if margin < condition.margin - MARGIN_TOLERANCE:
         faults.append(Remark("margin", f"the regularity margin is {margin:.3f}, below {condition.margin:g}"))
     far = float((np.abs(fit.distances) > FAR).mean())
-    if fit.code is ResultCode.STEP_LIMIT:
+    if fit.code is ResultCode.STEP_LIMIT and all(one.code != "step_limit" for one in told):
         warnings.append(Remark("step_limit", "the fit stopped at its step limit, perhaps short of the best cup"))
     if far > FAR_SHARE:
         cause = f"{100 * far:.1f} % of the points are more than {FAR:g} mm from the cup"

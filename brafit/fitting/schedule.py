@@ -26,6 +26,10 @@ LOOKS = 3
 """How often the last stage is repeated at most."""
 APART = 0.05
 """By which share of the best start's objective another one ends above it that is another optimum."""
+STILL = 20
+"""Steps without any change after which more of them bring nothing."""
+MORE = 4
+"""How many times as many steps are advised where a fit had too few."""
 
 Tell = Callable[[int, dict[str, Tensor], Tensor], None]
 """Takes the steps done in a stage, the terms of `Step`, and to which scans they belong."""
@@ -82,6 +86,10 @@ class Ending:
         left = {True: ResultCode.CONVERGED, False: ResultCode.STEP_LIMIT}
         return [ResultCode.DIVERGED if diverged else left[converged] for diverged, converged in ends]
 
+    def still(self) -> list[bool]:
+        """Of which it is known that their last STILL steps brought nothing."""
+        return [False] * len(self.value)
+
 
 Minimise = Callable[[Objective, Tensor, Pressure, S, Tell], Ending]
 """Takes some problems, their places, how hard conditions press, the stage, and what hears of every step."""
@@ -89,12 +97,13 @@ Minimise = Callable[[Objective, Tensor, Pressure, S, Tell], Ending]
 
 @dataclass
 class _Run:
-    """Where all problems stand. `warnings`: what is to be said of each."""
+    """Where all problems stand. `still`: whose last steps brought nothing; `warnings`: what is to be said of each."""
 
     place: Float[Tensor, "batch size"]
     value: Float[Tensor, " batch"]
     steps: Int[Tensor, " batch"]
     codes: list[ResultCode]
+    still: list[bool]
     warnings: list[list[Remark]]
     raised: RaisedWeights
 
@@ -103,14 +112,15 @@ class _Run:
         value = torch.full_like(start[:, 0], torch.inf)
         codes = [ResultCode.DIVERGED] * len(start)
         steps = torch.zeros_like(value, dtype=torch.long)
-        return _Run(start.clone(), value, steps, codes, [[] for _ in codes], RaisedWeights.none(start))
+        still = [False for _ in codes]
+        return _Run(start.clone(), value, steps, codes, still, [[] for _ in codes], RaisedWeights.none(start))
 
     def take(self, rows: Int[Tensor, " some"], ending: Ending) -> None:
         """What became of some problems."""
         self.place[rows], self.value[rows] = ending.place, ending.value
         self.steps[rows] += ending.steps
-        for row, code in zip(rows.tolist(), ending.codes(), strict=True):
-            self.codes[row] = code
+        for row, code, still in zip(rows.tolist(), ending.codes(), ending.still(), strict=True):
+            self.codes[row], self.still[row] = code, still
 
 
 @dataclass(frozen=True)
@@ -125,6 +135,7 @@ class Schedule(Generic[S]):
             stronger pull to it, one whose ridge misses the apex where it is to run through it likewise; and the last
             stage is repeated on a finer grid. The neckline is looked at after earlier stages that are `settled`, too.
         apart: by which share of the best start's objective another start must end above it to count as another optimum.
+        last: number of the last stage among the solver's, of which some may be left out; None: all are here.
 
     Raises:
         ValueError: there is no stage.
@@ -134,6 +145,7 @@ class Schedule(Generic[S]):
     minimise: Minimise[S]
     slack: float = 0.0
     apart: float = APART
+    last: int | None = None
 
     def __post_init__(self) -> None:
         if not self.stages:
@@ -159,6 +171,7 @@ class Schedule(Generic[S]):
             run.value[run.value.isnan()] = torch.inf
             if stage.keep is not None:
                 live = self._drop(run, objective.rivals, live, stage.keep, noted=stage.keep == last_drop)
+        self._note_limits(run)
         pressure = run.raised.pressure(penalty)
         return Solution(_closed(run, objective, pressure), run.codes, run.steps, pressure, run.warnings)
 
@@ -176,6 +189,16 @@ class Schedule(Generic[S]):
             if len(rows) == 0:
                 break
             objective = objective.finer()
+
+    def _note_limits(self, run: _Run) -> None:
+        """Say of what ended at its step limit whether more steps would help."""
+        last = len(self.stages) - 1 if self.last is None else self.last
+        remedy = f"allow its last stage more steps: solver.stages.{last}.steps={MORE * self.stages[-1].steps}"
+        short = Remark("step_limit", "the fit stopped at its step limit, perhaps short of the best cup", remedy=remedy)
+        words = f"the fit stopped at its step limit, but its last {STILL} steps brought nothing: more would not help"
+        for row, code in enumerate(run.codes):
+            if code is ResultCode.STEP_LIMIT:
+                run.warnings[row].append(Remark("step_limit", words) if run.still[row] else short)
 
     def _drop(
         self, run: _Run, rivals: Int[Tensor, " batch"], live: Int[Tensor, " some"], keep: int, noted: bool

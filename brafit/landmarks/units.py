@@ -96,13 +96,48 @@ def body_unit(file: Path, points: Float[np.ndarray, "n 3"]) -> str:
         InputError: two would do, or none.
     """
     depth = body_depth(points)
-    unit = unit_of(depth, DEPTH_POSSIBLE, DEPTH_USUAL, DEPTH_RARE)
+    unit = _of_depth(depth)
+    if unit is None and _in_two(depth):
+        raise InputError(file, f"units: nothing says them, and {_in_two(depth)}", _remedy(file))
     if unit is None:
-        cause = (
-            f"units: nothing says them, and a body is {depth:.4g} deep in no unit, or in two; it may be a part of one"
-        )
+        cause = f"units: nothing says them, and {_no_body(depth)}: it seems to be a part of one"
         raise InputError(file, cause, _remedy(file))
     return unit
+
+
+def torso_unit(file: Path, points: Float[np.ndarray, "n 3"]) -> str:
+    """The unit of a scan without a landmark file, on which landmarks are to be proposed. As `body_unit`, but a part of
+    a body is told to be marked by hand: a unit alone would not help it.
+
+    Raises:
+        InputError: two would do, or none.
+    """
+    depth = body_depth(points)
+    unit, choice = _of_depth(depth), ", ".join(MILLIMETRES)
+    if unit is None and _in_two(depth):
+        remedy = f"Say which: scan.units=UNIT, with UNIT one of {choice}"
+        raise InputError(file, f"units: nothing says them, and {_in_two(depth)}", remedy)
+    if unit is None:
+        cause = f"it seems to be a part of a body, where landmarks cannot be proposed ({_no_body(depth)})"
+        remedy = (
+            f"Mark it by hand with brafit-mark. Only if it is a whole torso, say its unit: scan.units=UNIT, {choice}"
+        )
+        raise InputError(file, cause, remedy)
+    return unit
+
+
+def _of_depth(depth: float) -> str | None:
+    return unit_of(depth, DEPTH_POSSIBLE, DEPTH_USUAL, DEPTH_RARE)
+
+
+def _in_two(depth: float) -> str:
+    """What is in doubt of a depth that a body can have in more than one unit; empty of any other."""
+    fitting = [NAMES[unit] for unit, factor in MILLIMETRES.items() if DEPTH_RARE[0] <= depth * factor <= DEPTH_RARE[1]]
+    return f"a body {depth:.4g} deep can be in {' or '.join(fitting)}" if len(fitting) > 1 else ""
+
+
+def _no_body(depth: float) -> str:
+    return f"no whole one is {depth:.4g} deep, in any unit"
 
 
 def body_depth(points: Float[np.ndarray, "n 3"]) -> float:

@@ -27,8 +27,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from brafit.anatomy.confidence import Bound, warning
 from brafit.fitting import CupFit, ResultCode
+from brafit.fitting.loop import FAR
 from brafit.geometry.polyline import polyline_length
 from brafit.landmarks.fields import POINT_NAMES
 from brafit.landmarks.plausibility import WIRE_LENGTH
@@ -96,7 +99,7 @@ BOUNDS: Mapping[str, Bound] = {
         usual=(0.0, 0.02),
         remedy=_TRACED,
     ),
-    "marks_off": Bound("a marked point is {value} off the skin that was scanned", usual=(0.0, 0.06), remedy=_TRACED),
+    "marks_off": Bound("{side} is {value} off the skin that was scanned", usual=(0.0, 0.06), remedy=_TRACED),
     "apex": Bound(
         "the marked bust point is {value} as far out of the wire's plane as the breast is",
         usual=(0.75, 1.25),
@@ -122,6 +125,14 @@ _MARKED = {
     "marks_off": tuple(f"landmarks.{name}" for name in POINT_NAMES),
 }
 """Of each measure of what was marked by hand, the names in `Scan.away`."""
+_POINTS = {
+    "inner_end": "inner end of the wire",
+    "outer_end": "outer end of the wire",
+    "wire_bottom": "lowest point of the wire",
+    "apex": "bust point",
+    "strap_point": "strap point",
+}
+"""What the marked points are called in words."""
 
 
 def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
@@ -143,6 +154,12 @@ def measures(fit: CupFit, scan: Scan) -> dict[str, float]:
     return found if scan.gap_share is None else found | {"gap": scan.gap_share}
 
 
+def _farthest(scan: Scan) -> str:
+    """The marked point that is farthest off the skin, in words."""
+    found = {name: scan.away[key] for name in POINT_NAMES if (key := f"landmarks.{name}") in scan.away}
+    return f"the marked {_POINTS[max(found, key=lambda name: found[name])]}" if found else "a marked point"
+
+
 def _away(scan: Scan, names: Sequence[str]) -> list[float]:
     return [away for name, away in scan.away.items() if name in names]
 
@@ -152,18 +169,15 @@ def code_of(key: str) -> str:
     return f"unlike_{key}"
 
 
-_OF_DISTANCES = {"far_points", *map(code_of, _DISTANCES)}
-_COSTS = (
-    "the seam through the bust point costs that: take more panels (cup.panels), or leave the seam where it is closest"
-    " (condition.seam=closest)"
-)
-
-_LIKEWISE = "the seam through the bust point costs that too"
+_COSTS = "the seam through the bust point costs "
+_TAKE = "take more panels (cup.panels), or leave the seam where it is closest (condition.seam=closest)"
+_MULTIPLIED = 2.0
+"""A distance, or the share of far points, is the seam's doing if it is more than so many times that without it."""
 
 
 def seam_blamed(fit: CupFit, free: CupFit) -> CupFit:
     """A fit whose warnings and faults of distances name the seam through the bust point as their cause, if the cup
-    without it has none like them. What helps is said once.
+    without it has none like them, or is much closer. What helps is said once.
 
     Args:
         fit: of a cup whose seam was led through the bust point.
@@ -171,17 +185,32 @@ def seam_blamed(fit: CupFit, free: CupFit) -> CupFit:
     """
     if not free.code.is_cup:
         return fit
-    blamed = _OF_DISTANCES - {other.code for other in free.warnings}
+    own, other, anyway = _distances(fit), _distances(free), {one.code for one in free.warnings}
+    multiplied = {code for code in own if own[code] > _MULTIPLIED * other[code]}
+    # A share that is large without the seam cannot double: there the root mean square says whose doing it is.
+    blamed = own.keys() if code_of("rms") in multiplied else multiplied | (own.keys() - anyway)
+
+    def costs(one: Remark) -> str:
+        return f"{_COSTS}{'most of that' if one.code in anyway else 'that'}"
 
     def told(remarks: Sequence[Remark]) -> tuple[Remark, ...]:
         first = next((one for one in remarks if one.code in blamed), None)
         return tuple(
-            replace(one, remedy=_COSTS if one is first else _LIKEWISE) if one.code in blamed else one for one in remarks
+            replace(one, remedy=f"{costs(one)}: {_TAKE}" if one is first else f"{costs(one)} too")
+            if one.code in blamed
+            else one
+            for one in remarks
         )
 
-    faults = [replace(one, remedy=_COSTS) if one.code in blamed else one for one in fit.faults]
+    faults = [replace(one, remedy=f"{costs(one)}: {_TAKE}") if one.code in blamed else one for one in fit.faults]
     fit = replace(fit, warnings=told(fit.warnings), faults=tuple(faults))
     return replace(fit, reason=_unlike(fit.faults)) if fit.code is ResultCode.UNLIKE else fit
+
+
+def _distances(fit: CupFit) -> dict[str, float]:
+    """What is judged of a cup's distances, by the codes of the warnings."""
+    far = float((np.abs(fit.distances) > FAR).mean())
+    return {"far_points": far, **{code_of(key): fit.figures[f"{key}_mm"] for key in _DISTANCES}}
 
 
 def judged(fit: CupFit, scan: Scan) -> CupFit:
@@ -225,7 +254,8 @@ def _judged(fit: CupFit, scan: Scan) -> tuple[list[Remark], list[Remark]]:
     for key, value in measures(fit, scan).items():
         bound = BOUNDS[key]
         scale = 1.0 if key == "wire" else length
-        cause = bound.cause(f"{100 * value:.0f} %" if key in _SHARES else f"{scale * value:.1f} mm")
+        shown = f"{100 * value:.0f} %" if key in _SHARES else f"{scale * value:.1f} mm"
+        cause = bound.cause(shown, _farthest(scan) if key == "marks_off" else "")
         if not bound.is_usual(value):
             beyond = unusual if bound.is_possible(value) else faults
             beyond.append(Remark(code_of(key), cause, remedy=bound.remedy))

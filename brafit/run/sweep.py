@@ -16,9 +16,11 @@ from typing import Any
 from urllib.parse import quote
 
 from brafit.atomic import write_text
-from brafit.errors import ConfigError
+from brafit.errors import BrafitError, ConfigError
 from brafit.report.html import asset, figure, fixed, head, page
 from brafit.report.table import SUMMARY_KEYS, write_parquet, write_table
+from brafit.run.dataset import dataset
+from brafit.run.recipe import Recipe
 
 CHECKED = 100
 """Jobs up to which every combination is checked; of more, each value with the first of the others."""
@@ -89,6 +91,37 @@ def combinations(swept: Mapping[str, Sequence[str]], fixed: Mapping[str, str]) -
         chosen = [[*first[:k], v, *first[k + 1 :]] for k, values in enumerate(known.values()) for v in values]
     for values in chosen:
         yield constant + [f"{key}={value}" for key, value in zip(known, values, strict=True)]
+
+
+def check_scans(recipes: Iterable[Recipe]) -> None:
+    """Refuse a sweep of which no job finds a scan. Where one does, that another finds none is that job's failure.
+
+    Args:
+        recipes: of the jobs.
+
+    Raises:
+        BrafitError: why the first of them finds none.
+    """
+    errors = [_no_scans(*sought) for sought in dict.fromkeys(map(_sought, recipes))]
+    if errors and all(errors) and errors[0] is not None:
+        raise errors[0]
+
+
+def _sought(recipe: Recipe) -> tuple[Any, ...]:
+    """What `brafit.run.dataset.dataset` is told by a job."""
+    settings = recipe.settings
+    ends = frozenset(end for reader in recipe.scan["readers"] for end in reader.suffixes)
+    table = settings["dataset"]
+    propose = bool(recipe.scan["propose"])
+    return tuple(settings["scans"]), settings["scan"]["side"], table["manifest"], table["shard"], propose, ends
+
+
+def _no_scans(*sought: Any) -> BrafitError | None:
+    try:
+        dataset(*sought)
+    except BrafitError as error:
+        return error
+    return None
 
 
 def gather(folder: Path, jobs: Sequence[SweepJob]) -> None:

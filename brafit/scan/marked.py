@@ -25,6 +25,7 @@ from brafit.landmarks.units import (
     Units,
     body_unit,
     cloud_unit,
+    torso_unit,
     unit_of,
     wire_unit,
 )
@@ -164,7 +165,7 @@ def with_marks(raw: Cloud, marks: Path | Landmarks, units: str | None, propose: 
         remedy = f"Write {marks.name} (by hand on a page of brafit-mark), or set scan.propose=true"
         raise InputError(raw.path, f"no landmark file {marks.name} beside the cloud", remedy)
     stated = units or raw.unit
-    unit = stated or body_unit(raw.path, raw.points)
+    unit = stated or torso_unit(raw.path, raw.points)
     whole = _scaled(raw, unit)
     found = proposals(raw.path, whole.cloud.points, whole.mirror if whole.is_torso else None)
     confidence = {one.marks.side: one.confidence for one in found}

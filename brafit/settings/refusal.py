@@ -20,6 +20,12 @@ EXTRAS = {"joblib": "joblib", "ray": "ray", "submitit": "slurm"}
 _UNIT = re.compile(r"[-+]?[\d.]+\s*(mm|cm|in|inch|%)")
 """A number with a unit behind it."""
 _LENGTHS = ": lengths are in mm"
+CALLED = {
+    "pattern.allowance.seam": "pattern.allowance.ridge",
+    "pattern.allowance.seams": "pattern.allowance.ridge",
+    "pattern.allowance.neckline": "pattern.allowance.upper",
+}
+"""Settings by what patterns and pages call the same thing."""
 _KEY = r"[A-Za-z_][\w./@-]*"
 
 
@@ -110,8 +116,9 @@ def unknown_setting(key: str, known: Known, mark: str = "") -> str:
     found = [f"{parent}.{name}" if parent else name for name in meant] or _elsewhere(tree, last)
     dotted = key.replace("/", ".")
     alike = next((name for name in (dotted, dotted.strip().lower()) if name != key and _exists(tree, name)), None)
+    alike = CALLED.get(dotted.lower(), alike)
     found = [alike] if alike else found
-    hint = f"did you mean {found[0]}? " if found else ""
+    hint = f"did you mean {' or '.join(found)}? " if found else ""
     return f"unknown setting '{mark}{key}'; {hint}allowed{f' in {parent}' if parent else ''}: {', '.join(names)}"
 
 

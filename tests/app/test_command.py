@@ -187,6 +187,14 @@ def test_sweep_with_a_bad_value_runs_nothing(tmp_path: Path, sample: Path, brafi
         assert list(tmp_path.iterdir()) == []
 
 
+def test_sweep_without_any_scan_runs_nothing(tmp_path: Path, brafit: Callable[..., Done]) -> None:
+    done = brafit("-m", "nowhere", "out=sweep", *TINY, "cup.terms=2,3")
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("brafit: nowhere: there is no such file or folder. ")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_same_command_goes_on_and_other_settings_are_refused(
     tmp_path: Path, sample: Path, brafit: Callable[..., Done]
 ) -> None:

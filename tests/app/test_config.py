@@ -123,6 +123,8 @@ def test_an_override_beats_an_experiment() -> None:
         ("batch=0", ["batch=0", "at least 1"]),
         ("pattern.allowance.wire=-1", ["pattern.allowance.wire=-1", "from 0 to 100"]),
         ("pattern.allowance.ridges=6", ["did you mean pattern.allowance.ridge?", "wire, ridge, upper"]),
+        ("pattern.allowance.seam=10", ["did you mean pattern.allowance.ridge?"]),
+        ("units=inch", ["did you mean ", "scan.units", " or ", "pattern.units"]),
         ("pattern.allowance=8", ["pattern.allowance=8", "pattern.allowance.wire=8", "pattern.allowance.upper=8"]),
         ("pattern.ease=null", ["pattern.ease=null", "pattern.ease.width=VALUE"]),
         ("sinks.table=3", ["sinks.table.parquet=3"]),

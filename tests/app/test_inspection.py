@@ -83,6 +83,20 @@ def test_a_breast_without_marks_cannot_be_proposed(tmp_path, capsys):
     line = capsys.readouterr().err.strip()
     assert "no whole torso: landmarks can be proposed on a torso only" in line
     assert len(line.splitlines()) == 1
+    assert inspect(tmp_path / "alone.ply", "--out", tmp_path / "out") == 2
+    line = capsys.readouterr().err.strip()
+    assert "it seems to be a part of a body, where landmarks cannot be proposed" in line
+    assert "Mark it by hand with brafit-mark. Only if it is a whole torso, say its unit: --units UNIT" in line
+
+
+def test_an_error_names_the_option_that_the_command_has(tmp_path, capsys):
+    shutil.copy(sample_paths()[0], tmp_path / "good.ply")
+    shutil.copy(landmarks_path(sample_paths()[0]), tmp_path / "good.json")
+    assert inspect(tmp_path / "good.ply", "--out", tmp_path / "out", "--units", "in") == 2
+    line = capsys.readouterr().err
+    assert "--units in: the wire would be" in line
+    assert "Take --units away" in line
+    assert "scan.units" not in line
 
 
 def test_the_picture_says_what_to_do_to_whoever_sees_it(tmp_path, monkeypatch):

@@ -140,10 +140,10 @@ def test_a_weight_by_its_name_has_derivatives_through_the_fit():
     """The upper edge's length by the share of the condition that asks for one, against a refit."""
     extra = "condition.extra=[{_target_: edge_length.UpperEdgeLength, length: 260}]"
     settings = [extra, "cup.terms=4", "cup.nodes=24", "scan.points=100", "condition.neckline_limit=null"]
-    layer, (target,) = brafit.layer([sample_paths()[0]], settings=settings)
+    layer, (target,) = brafit.layer(str(sample_paths()[0]), settings=settings)
     scan = TensorTarget.of(target)
     share = torch.ones((), dtype=torch.float64, requires_grad=True)
-    cups = layer([scan], shares={"upper edge length": share})
+    cups = layer([target], shares={"upper edge length": share})
     assert cups.settled.all()
     (slope,) = torch.autograd.grad(cups.lengths()[0, -1], share)
     h = 1e-4

@@ -84,6 +84,9 @@ def test_step_limit_is_said_and_ends_meet_all_the_same():
     own = problem([target(known_points(60))])
     solution = solve(own, [AnnealStage("adam", 10, 1.0), AnnealStage("lbfgs", 30, 10.0)])
     assert solution.codes == [ResultCode.STEP_LIMIT]
+    ((told,),) = solution.warnings
+    assert told.code == "step_limit"
+    assert told.remedy.endswith("solver.stages.1.steps=120")
     assert solution.iterations.tolist() == [10 + 31]
     assert own.cup.constraints(own.cup.shape_of(solution.flat))["ends"].abs().max() < 1e-9
 

@@ -13,8 +13,9 @@ from cups import plain_strips as strips
 from brafit.cup import Cup
 from brafit.cup.strip_grid import StripGrid
 from brafit.fitting import LM, Anneal, AnnealStage, Conditions, LMStage, ResultCode, Solver, Target
+from brafit.fitting.lm import Minimum
 from brafit.fitting.objective import Objective, Pressure
-from brafit.fitting.schedule import LOOKS, Ending, Schedule
+from brafit.fitting.schedule import LOOKS, STILL, Ending, Schedule
 from brafit.fitting.targets import Targets
 from brafit.simulation.synthetic import quarter_sphere
 
@@ -86,6 +87,24 @@ def test_the_best_start_of_each_scan_goes_on_and_other_optima_are_noted():
     # 2 is far above 1, 3.1 is not far above 3
     assert [[note.code for note in notes] for notes in solution.warnings] == [[], ["starts_apart"], [], []]
     assert recorder.asked[-1][0].groups.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("still", [False, True])
+def test_a_step_limit_says_whether_more_steps_would_help(still: bool):
+    cup = strips(1)
+    values = torch.ones(STILL + 5, 1).double() if still else torch.arange(STILL + 5, 0, -1).double()[:, None]
+
+    def minimised(objective, place, pressure, stage, tell):
+        no = torch.zeros(1, dtype=torch.bool)
+        return Minimum(place, values[-1], no, no, torch.tensor([len(values)]), values)
+
+    asked = problem(cup, Conditions(neckline_limit=None))
+    solution = Schedule([LMStage(steps=30)], minimised, last=6).solve(asked, cup.flatten().detach(), None)
+    assert solution.codes == [ResultCode.STEP_LIMIT]
+    ((told,),) = solution.warnings
+    assert told.code == "step_limit"
+    assert ("more would not help" in told.text) is still
+    assert ("solver.stages.6.steps=120" in told.remedy) is not still
 
 
 def test_multipliers_take_over_what_the_penalty_held_where_a_stage_says_so():

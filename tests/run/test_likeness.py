@@ -96,6 +96,8 @@ def test_what_is_unusual_is_warned_of_and_what_is_impossible_fails(fit: CupFit, 
     assert warned.code is fit.code
     (new,) = (told for told in warned.warnings if told.code == code_of(key))
     assert new.remedy == BOUNDS[key].remedy
+    if key == "marks_off":
+        assert new.text.startswith("the marked strap point is ")
     if np.isfinite(possible[1]):
         failed = judged(*with_value(1.2 * possible[1]))
         assert failed.code is ResultCode.UNLIKE
@@ -186,6 +188,11 @@ def test_a_seam_that_costs_much_is_named_as_the_cause(fit: CupFit) -> None:
     assert "condition.seam=closest" in told.remedy
     alone = replace(fit, warnings=(far,))
     assert seam_blamed(alone, alone).warnings == (far,)  # the closest cup is as far
+    often = replace(fit, warnings=(many,), distances=np.repeat((6.0, 0.0), (30, 70)))
+    seldom = replace(often, distances=np.repeat((6.0, 0.0), (10, 90)))
+    (told,) = seam_blamed(often, seldom).warnings
+    assert told.remedy.startswith("the seam through the bust point costs most of that: take more panels")
+    assert seam_blamed(often, often).warnings == (many,)
     worse = replace(fit, code=ResultCode.UNLIKE, reason="the scan's fault", faults=(far,))
     assert "condition.seam=closest" in seam_blamed(worse, free).reason, "a fit that failed for it"
     assert "brafit-inspect" not in seam_blamed(worse, free).reason, "the scan is good"

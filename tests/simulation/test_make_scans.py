@@ -44,6 +44,8 @@ def test_spheres_are_spheres_with_the_defects_asked_for(tmp_path):
         off = np.linalg.norm(scan.dense - [0, radius, 0], axis=1) - radius
         assert 0.4 < np.sqrt(np.mean(np.clip(off, -2, 2) ** 2)) < 0.75
         assert scan.dense[:, 0].min() > -3
+        assert scan.apex is not None
+        assert 0.9 < scan.apex[2] / radius < 0.99, "a bust point is where the breast is highest"
         assert 150 < scan.cleaning.outliers + scan.cleaning.off_surface < 500
     assert len({scan.wire[-1, 1] for scan in scans}) == 3
 
