@@ -122,7 +122,7 @@ def _check_file(path: Path, others: Set[str]) -> None:
     known = FORMATS | others
     formats = ", ".join(sorted(known))
     if path.is_dir():
-        raise InputError(path, "is a folder without usable scans", "Name a folder with clouds and landmark files")
+        raise InputError(path, "is a folder, and one cloud is wanted", "Name a file in it")
     if not path.exists():
         raise InputError(path, "there is no such file", "Check the path")
     if not path.is_file():

@@ -137,7 +137,7 @@ def _in_two(depth: float) -> str:
 
 
 def _no_body(depth: float) -> str:
-    return f"no whole one is {depth:.4g} deep, in any unit"
+    return f"it is {depth:.4g} units deep: too little or too much for a whole one in any unit"
 
 
 def body_depth(points: Float[np.ndarray, "n 3"]) -> float:

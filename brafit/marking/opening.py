@@ -16,7 +16,7 @@ from brafit.anatomy.torso import body_of
 from brafit.cloud.read import Cloud
 from brafit.errors import InputError
 from brafit.landmarks.file import SIDES, Landmarks, landmarks_path
-from brafit.landmarks.units import MILLIMETRES, body_unit, unit_of
+from brafit.landmarks.units import MILLIMETRES, NAMES, body_unit, unit_of
 from brafit.scan.framed import framed
 from brafit.scan.marked import Marked, Whole, with_marks
 from brafit.scan.wiring import Wiring
@@ -24,6 +24,8 @@ from brafit.surface.symmetry import Mirror
 
 SIZE_POSSIBLE, SIZE_USUAL = (150.0, 2500.0), (200.0, 450.0)
 """Diagonal (mm) of a scan of one breast or more; of most of one breast."""
+BOUNDLESS = 20e3
+"""Diagonal (mm) that nothing is scanned with, whatever stands beside the body."""
 MIRROR_MOST = 8.0
 """Rms (mm) between a body and its mirror image up to which marks are copied: a person looks at them."""
 UPRIGHT = 0.9
@@ -154,16 +156,28 @@ def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputEr
 
 
 def _unit(raw: Cloud, units: str | None) -> tuple[str, str]:
+    size = float(np.linalg.norm(np.ptp(raw.points, axis=0)))
     if said := units or raw.unit:
+        _check_said(raw.path, size, said)
         return said, ""
     try:
         return body_unit(raw.path, raw.points), "the depth of the body"
     except InputError:
-        size = float(np.linalg.norm(np.ptp(raw.points, axis=0)))
         unit = unit_of(size, SIZE_POSSIBLE, SIZE_USUAL)
         if unit is None:
             raise _in_doubt(raw.path, size) from None
         return unit, "the size of the scan"
+
+
+def _check_said(path: Path, size: float, said: str) -> None:
+    """Refuse a unit in which a scan can be no body, if it can be one in another."""
+    across = size * MILLIMETRES[said]
+    other = unit_of(size, SIZE_POSSIBLE, SIZE_USUAL)
+    if SIZE_POSSIBLE[0] <= across <= SIZE_POSSIBLE[1] or (other is None and across < BOUNDLESS):
+        return
+    cause = f"in {NAMES[said]}, as is said, it is {across / 1000:.3g} m across"
+    likely = f"; in {NAMES[other]} it would be {size * MILLIMETRES[other] / 1000:.3g} m" if other else ""
+    raise InputError(path, cause + likely, f"Say the unit that it has: --units {other or 'UNIT'}")
 
 
 def _in_doubt(path: Path, size: float) -> InputError:

@@ -106,7 +106,9 @@ def passed_over(
         if left:
             what = f"{_counted(left, 'table' if propose else 'cloud')} without landmark file passed over"
             named = ", ".join(sorted({f"{folder}/*{path.suffix}" for path in left}))
-            other = f"brafit-inspect {folder} --beside proposes landmarks"
+            other = (
+                f"mark them with brafit-mark {folder}; for torsos brafit-inspect {folder} --beside proposes landmarks"
+            )
             remedy = f"to take such, name them: {named}" if propose else other
             lines.append(shown(f"{folder}: {what} ({_listed(left)}): {remedy}"))
     return lines
@@ -228,7 +230,7 @@ def _nothing(entry: str, search: _Search) -> InputError:
     clouds = sum(_is_cloud(child, search) for child in _visible(path))
     if clouds:
         what = f"the folder has no cloud with a landmark file, and {clouds} without"
-        remedy = "Write NAME.json beside NAME.ply, see brafit/landmarks/landmarks.schema.json, or set scan.propose=true"
+        remedy = f"Mark them with brafit-mark {path}; for torsos scan.propose=true proposes landmarks"
         return InputError(entry, what, remedy)
     if tables := _tables(path, search):
         what = f"the folder holds {_counted(tables, 'table')} that may be clouds ({_listed(tables)}), and no sure one"

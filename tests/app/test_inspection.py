@@ -154,5 +154,5 @@ def test_clouds_without_landmarks_are_named(tmp_path):
     shutil.copy(sample, tmp_path / "b.ply")
     assert passed_over([str(tmp_path), "samples"]) == [
         f"{tmp_path}: 1 cloud without landmark file passed over (b.ply): "
-        f"brafit-inspect {tmp_path} --beside proposes landmarks"
+        f"mark them with brafit-mark {tmp_path}; for torsos brafit-inspect {tmp_path} --beside proposes landmarks"
     ]

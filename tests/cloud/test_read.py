@@ -78,7 +78,7 @@ def test_files_that_are_no_clouds(tmp_path, capfd):
     assert message(tmp_path / "b.json", capfd) == (
         f"is not a cloud of a known format ({', '.join(sorted(FORMATS))}). Name a cloud, or export it as .ply."
     )
-    assert message(tmp_path, capfd).startswith("is a folder without usable scans.")
+    assert message(tmp_path, capfd).startswith("is a folder, and one cloud is wanted.")
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may read everything")

@@ -147,6 +147,17 @@ def test_a_cloud_of_hardly_any_points_is_refused(tmp_path, capsys, points: np.nd
     assert "points are distinct. Export the cloud again" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("unit", ["in", "m"])
+def test_a_unit_in_which_a_scan_is_no_body_is_refused_with_the_likely_one(tmp_path, capsys, unit):
+    path = tmp_path / "a.ply"
+    shutil.copy(sample_paths()[0], path)
+    assert mark(path, "--out", tmp_path / "out", "--units", unit) == 2
+    error = capsys.readouterr().err
+    assert "in millimetres it would be 0.2" in error
+    assert "--units mm" in error
+    assert "Traceback" not in error
+
+
 def test_a_plane_is_a_scan_like_another(tmp_path):
     points = np.random.default_rng(0).uniform(0, 250, (3000, 3)) * [1.0, 1.0, 0.0]
     np.save(tmp_path / "plane.npy", points)

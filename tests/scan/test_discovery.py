@@ -86,8 +86,7 @@ def test_nothing_found_is_an_error(folder, tmp_path):
         "nowhere": f"there is no such file or folder. Name a folder, a pattern or a file of {formats}, or 'samples'.",
         f"{tmp_path}/empty": f"the folder holds no cloud. Name a folder with clouds ({formats}).",
         f"{tmp_path}": "the folder has no cloud with a landmark file, and 1 without. "
-        "Write NAME.json beside NAME.ply, see brafit/landmarks/landmarks.schema.json, "
-        "or set scan.propose=true.",
+        f"Mark them with brafit-mark {tmp_path}; for torsos scan.propose=true proposes landmarks.",
     }.items():
         with pytest.raises(InputError) as caught:
             find_scans(entry)
