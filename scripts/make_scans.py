@@ -28,7 +28,7 @@ from brafit.simulation.scanner import Scanner, holes, simulate
 from brafit.simulation.synthetic import quarter_sphere
 
 DENSE = 200_000
-RADII = (45.0, 85.0)
+RADII = (50.0, 85.0)
 """Of the spheres, mm."""
 APEX = np.radians(70)
 """How high above the wire's plane the spheres' bust point is, seen from the chord's middle. A quarter sphere is
