@@ -50,7 +50,7 @@ def callouts(pieces: Sequence[CutPiece], texts: Sequence[Words]) -> list[Callout
         ):
             marks.setdefault(name, []).append((k, point))
     bounds = np.concatenate([piece.cut_outline(0.5) for piece in pieces])
-    taken: list[BaseGeometry] = [line for piece in pieces for line in _lines(piece)]
+    taken: list[BaseGeometry] = [line for piece in pieces for line, _ in _lines(piece)]
     taken += [Polygon(words.corners) for words in texts]
     found = []
     for name, feet in marks.items():
@@ -82,10 +82,12 @@ def _placed(
     return Callout(words, tuple(leaders))
 
 
-def _lines(piece: CutPiece) -> list[LineString]:
-    """All that is drawn of a piece but its texts."""
+def _lines(piece: CutPiece) -> list[tuple[LineString, str]]:
+    """All that is drawn of a piece but its texts, each line with its layer."""
     strokes = [item for item in drawn(piece, "") if isinstance(item, Stroke) and item.role != "leader"]
-    return [LineString(curve.polyline(0.1)) for stroke in strokes for path in stroke.paths for curve in path]
+    return [
+        (LineString(curve.polyline(0.1)), stroke.layer) for stroke in strokes for path in stroke.paths for curve in path
+    ]
 
 
 def size_names_on(pieces: Sequence[CutPiece], names: Sequence[str], title: Words) -> list[Words]:
@@ -97,15 +99,9 @@ def size_names_on(pieces: Sequence[CutPiece], names: Sequence[str], title: Words
         names: of the sizes.
         title: what stands there already, the name of the pieces.
     """
-    strokes = [item for piece in pieces for item in drawn(piece, "") if isinstance(item, Stroke)]
-    drawn_lines = [
-        (LineString(curve.polyline(0.1)), _ON_ARROW if item.layer == "grain" else _ON_LINE)
-        for item in strokes
-        if item.role != "leader"
-        for path in item.paths
-        for curve in path
-    ]
-    tree, costs = STRtree([line for line, _ in drawn_lines]), np.array([cost for _, cost in drawn_lines])
+    lines = [line for piece in pieces for line in _lines(piece)]
+    tree = STRtree([line for line, _ in lines])
+    costs = np.array([_ON_ARROW if layer == "grain" else _ON_LINE for _, layer in lines])
     taken, found = [Polygon(title.corners)], []
     for k, (piece, name) in enumerate(zip(pieces, names, strict=True)):
         upper = piece.sew[-1].curve
@@ -114,10 +110,10 @@ def size_names_on(pieces: Sequence[CutPiece], names: Sequence[str], title: Words
         at = (middles[:, None] + _DEPTHS[:, None] * inward[:, None]).reshape(-1, 2)
         boxes = polygons(box_corners(at, LEVEL[None], text_width(name, HEIGHT), HEIGHT))
         overlaps = (shapely.distance(boxes[:, None], np.array(taken)) < _CLEAR / 2).sum(axis=1)
-        box, line = tree.query(boxes, predicate="intersects")
+        box, hit = tree.query(boxes, predicate="intersects")
         best = 0.1 + 0.8 * (k + 0.5) / len(pieces)
         away = np.abs(_SHARES - best)[:, None] * upper.length + _DEPTHS
-        cost = _AWAY * away.ravel() + np.bincount(box, costs[line], len(at))
+        cost = _AWAY * away.ravel() + np.bincount(box, costs[hit], len(at))
         chosen = int(np.lexsort((cost, overlaps))[0])
         taken.append(boxes[chosen])
         found.append(Words(name, at[chosen], HEIGHT))

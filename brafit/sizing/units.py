@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from brafit.cup.shape import CupShape
 from brafit.geometry.polyline import running_length
 from brafit.pattern import PatternOptions
+from brafit.pattern.options import UNITS
 from brafit.sizing.stored import StoredFit, options_of
 
 _NAMES = {"mm": "mm", "inch": "inches"}
@@ -39,4 +40,4 @@ def in_unit(value: float, unit: str, wanted: str) -> tuple[float, str]:
     """A finished dimension and its unit (`mm` or `cm2`, as fit.json has them) in the wanted unit of lengths."""
     if wanted == "mm":
         return value, unit
-    return (value / 25.4, "in") if unit == "mm" else (value / 2.54**2, "in2")
+    return (value / UNITS[wanted], "in") if unit == "mm" else (value / (UNITS[wanted] / 10) ** 2, "in2")
