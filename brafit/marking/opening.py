@@ -156,28 +156,29 @@ def _by_hand(raw: Cloud, side: str | None, unit: str, found: str, error: InputEr
 
 
 def _unit(raw: Cloud, units: str | None) -> tuple[str, str]:
-    size = float(np.linalg.norm(np.ptp(raw.points, axis=0)))
     if said := units or raw.unit:
-        _check_said(raw.path, size, said)
+        _check_said(raw, said)
         return said, ""
     try:
         return body_unit(raw.path, raw.points), "the depth of the body"
     except InputError:
+        size = float(np.linalg.norm(np.ptp(raw.points, axis=0)))
         unit = unit_of(size, SIZE_POSSIBLE, SIZE_USUAL)
         if unit is None:
             raise _in_doubt(raw.path, size) from None
         return unit, "the size of the scan"
 
 
-def _check_said(path: Path, size: float, said: str) -> None:
-    """Refuse a unit in which a scan can be no body, if it can be one in another."""
+def _check_said(raw: Cloud, said: str) -> None:
+    """Refuse a unit in which a scan can be no body, if it can be one in another. Stray points far away do not count."""
+    size = float(np.linalg.norm(np.ptp(np.quantile(raw.points, (0.01, 0.99), axis=0), axis=0)))
     across = size * MILLIMETRES[said]
     other = unit_of(size, SIZE_POSSIBLE, SIZE_USUAL)
     if SIZE_POSSIBLE[0] <= across <= SIZE_POSSIBLE[1] or (other is None and across < BOUNDLESS):
         return
     cause = f"in {NAMES[said]}, as is said, it is {across / 1000:.3g} m across"
     likely = f"; in {NAMES[other]} it would be {size * MILLIMETRES[other] / 1000:.3g} m" if other else ""
-    raise InputError(path, cause + likely, f"Say the unit that it has: --units {other or 'UNIT'}")
+    raise InputError(raw.path, cause + likely, f"Say the unit that it has: --units {other or 'UNIT'}")
 
 
 def _in_doubt(path: Path, size: float) -> InputError:

@@ -158,6 +158,12 @@ def test_a_unit_in_which_a_scan_is_no_body_is_refused_with_the_likely_one(tmp_pa
     assert "Traceback" not in error
 
 
+def test_a_stray_point_far_away_says_nothing_of_the_unit(tmp_path):
+    points = np.vstack((torso_points(3000), (1e6, 0.0, 0.0)))
+    np.save(tmp_path / "stray.npy", points)
+    assert mark(tmp_path / "stray.npy", "--out", tmp_path, "--units", "mm") == 0
+
+
 def test_a_plane_is_a_scan_like_another(tmp_path):
     points = np.random.default_rng(0).uniform(0, 250, (3000, 3)) * [1.0, 1.0, 0.0]
     np.save(tmp_path / "plane.npy", points)
